@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 
 use sizeup::crs::Crs;
 use sizeup::evaluate::read::{TruthOptions, read_results, read_truth};
-use sizeup::evaluate::{HeightOptions, evaluate_heights};
+use sizeup::evaluate::{BuildingError, HeightEvaluation, HeightOptions, evaluate_heights};
 use sizeup::output::read::{FoundBuildings, ReadOptions};
 use sizeup::simulate::{SimulateConfig, TownKind, simulate};
 use tempfile::TempDir;
@@ -43,14 +43,17 @@ fn run(scene: &Path, name: &str, more: &[&str]) -> PathBuf {
     result
 }
 
-fn mean_error_m(scene: &Path, result: &Path) -> f64 {
+fn evaluated(scene: &Path, result: &Path) -> HeightEvaluation {
     let crs = Crs::parse("EPSG:25832").unwrap();
     let results = read_results(&result.join("city.city.json"), &crs).unwrap();
     let truth = read_truth(&scene.join("truth.geojson"), &TruthOptions::default(), &crs).unwrap();
     let evaluation = evaluate_heights(&results, &truth.buildings, &HeightOptions::default()).unwrap();
-    let all = evaluation.all.unwrap();
-    assert_eq!(all.n, truth.buildings.len(), "buildings compared");
-    all.error_mean_m
+    assert_eq!(evaluation.buildings.len(), truth.buildings.len(), "buildings compared");
+    evaluation
+}
+
+fn mean_error_m(scene: &Path, result: &Path) -> f64 {
+    evaluated(scene, result).all.unwrap().error_mean_m
 }
 
 /// By how much the photos raised each roof that they refined, metres.
@@ -71,6 +74,18 @@ fn photos_refine_roofs_closer_than_priors_do() {
     assert!(raised_m(&scene.join("priors")).is_empty());
     assert!(raised_m(&result).len() >= 6, "{:?}", raised_m(&result));
     assert!(photos < 0.7 * priors, "{photos} m with photos, {priors} m without");
+}
+
+/// Two blocks around courts, 80 m wide: hardly a photo shows one of them whole, and priors call the one with gables flat.
+#[test]
+fn large_blocks_are_refined_by_photos_that_show_parts_of_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path();
+    simulate(&SimulateConfig::preset("demo").unwrap(), scene, &|_, _| {}).unwrap();
+    let evaluation = evaluated(scene, &run(scene, "result", &[]));
+    let is_court = |building: &&BuildingError| building.group.as_deref() == Some("courtyard");
+    let errors_m: Vec<f64> = evaluation.buildings.iter().filter(is_court).map(|b| b.signed_error_m).collect();
+    assert!(errors_m.len() == 2 && errors_m.iter().all(|error_m| error_m.abs() < 0.3), "{errors_m:?}");
 }
 
 #[test]
