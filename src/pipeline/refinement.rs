@@ -295,17 +295,21 @@ impl Roofs<'_> {
     /// Whether a photo shows a roof: half of it, and most of that with nothing before it.
     fn sees(&self, photo: &View, building: usize, surface: &[Vec3]) -> bool {
         let origin = self.stage.scene.origin.0;
-        let asked: Vec<&Vec3> = surface.iter().step_by(surface.len().div_ceil(N_ASKED)).collect();
-        let is_shown = |place: &&&Vec3| photo.pixel_of(place.as_dvec3() + origin).is_some();
-        let shown: Vec<&Vec3> = asked.iter().filter(is_shown).copied().collect();
         let eye = (photo.centre() - origin).as_vec3();
         let mut scratch = Vec::new();
-        let is_free = |place: &&&Vec3| {
-            let (way, face) = self.tracer.trace(&Ray::new(eye, **place - eye), &mut scratch);
-            way.is_nan() || way > FREE_WAY || face.building().is_some_and(|met| met.at() == building)
-        };
-        let n_free = shown.iter().filter(is_free).count();
-        shown.len() as f64 >= MIN_SHOWN * asked.len() as f64 && n_free as f64 >= MIN_FREE * shown.len() as f64
+        let (mut n_asked, mut n_shown, mut n_free) = (0.0, 0.0, 0.0);
+        for &place in surface.iter().step_by(surface.len().div_ceil(N_ASKED)) {
+            n_asked += 1.0;
+            if photo.pixel_of(place.as_dvec3() + origin).is_none() {
+                continue;
+            }
+            n_shown += 1.0;
+            let (way, face) = self.tracer.trace(&Ray::new(eye, place - eye), &mut scratch);
+            if way.is_nan() || way > FREE_WAY || face.building().is_some_and(|met| met.at() == building) {
+                n_free += 1.0;
+            }
+        }
+        n_shown >= MIN_SHOWN * n_asked && n_free >= MIN_FREE * n_shown
     }
 }
 

@@ -76,7 +76,7 @@ fn photos_refine_roofs_closer_than_priors_do() {
     assert!(photos < 0.7 * priors, "{photos} m with photos, {priors} m without");
 }
 
-/// Two blocks around courts, 80 m wide: hardly a photo shows one of them whole, and priors call the one with gables flat.
+/// One of two blocks around courts has gables, which the priors call flat; of the steep photos that show half of it most cut it off.
 #[test]
 fn large_blocks_are_refined_by_photos_that_show_parts_of_them() {
     let folder = tempfile::tempdir().unwrap();

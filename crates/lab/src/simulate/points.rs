@@ -50,9 +50,8 @@ fn point(
     }
     let position = at.as_dvec3() + scene.origin.0;
     let sees = |view: &&View| {
-        let seen_at = view.camera.project(view.camera_from_map.point(position));
         let from = (view.camera_from_map.centre() - scene.origin.0).as_vec3();
-        seen_at.is_some_and(|pixel| view.camera.contains(pixel)) && !scene.is_hidden(from, at)
+        view.pixel_of(position).is_some() && !scene.is_hidden(from, at)
     };
     if views.iter().filter(sees).take(LEAST_VIEWS).count() < LEAST_VIEWS {
         return None;

@@ -44,9 +44,9 @@ fn track(scene: &TracedScene, views: &[View], eyes: &[Eye], i: usize, root_seed:
         if sightings.len() == MOST_VIEWS {
             break;
         }
-        let Some(seen_at) = view.camera.project(view.camera_from_map.point(position)) else { continue };
+        let Some(seen_at) = view.pixel_of(position) else { continue };
         let eye = (view.camera_from_map.centre() - scene.origin.0).as_vec3();
-        if !view.camera.contains(seen_at) || scene.is_hidden(eye, at) {
+        if scene.is_hidden(eye, at) {
             continue;
         }
         let error = PIXEL_SD * DVec2::new(normal(&mut rng), normal(&mut rng));

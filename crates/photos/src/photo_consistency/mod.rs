@@ -55,7 +55,7 @@ pub fn choose(views: &[&View], place: DVec3, n_views: usize, sees: impl Fn(usize
         if !(0.0..FLATTEST).contains(&slope) {
             return None;
         }
-        let pixel = view.camera.project(view.camera_from_map.point(place))?;
+        let pixel = view.pixel_of(place)?;
         let size = DVec2::new(f64::from(view.camera.width_px), f64::from(view.camera.height_px));
         let share = pixel / size;
         let is_inside = share.min_element() > BORDER && share.max_element() < 1.0 - BORDER;
