@@ -1,13 +1,17 @@
 //! How far a prior's near sides bleed over their edges, measured where the edges are known without any height.
 //!
 //! ```text
-//! area(p) = Σ (p − far) / (near − far) · dx      over −W..W pixels across a vertical wall corner, near side first
-//! offset  = area(prior) − area(rendered)
+//! edge(x; d, w) = ramp · near(x − d) + (1 − ramp) · far(x − d),  ramp = 1 on the near side of d, 0 on the far side, w px on either side of d between
+//! offset        = d of the least Σ (α · edge(x; d, w) + β − prior(x))² over d, w, α and β
 //! ```
 //!
-//! A corner's vertical edge that is the building's side in a view stays where it is whatever the height, so a depth edge
-//! seen beside it is the prior's own doing. The area under the profile is blind to a symmetric blur. Priors that bleed
-//! over make every building wider *and taller*; [`super::evidence`] takes the bleeding back before heights are compared.
+//! with x pixels across a vertical wall corner, near side first, and `near` and `far` the inverse depths of the model on either side, drawn on
+//! past the corner in their own direction. A corner's vertical edge that is the building's side in a view stays where it is whatever the height,
+//! so a depth edge seen beside it is the prior's own doing. Walls recede from their corners, so what has bled is not as near as the corner: the
+//! wall drawn on says how near. Priors that bleed over make every building wider *and taller*; [`super::evidence`] takes the bleeding back before
+//! heights are compared.
+
+use std::ops::RangeInclusive;
 
 use glam::{DVec2, Vec2};
 
@@ -21,11 +25,18 @@ use super::evidence::nearness_at;
 
 /// Half width of the profile across an edge, pixels of the working image.
 const HALF_WIDTH_PX: i32 = 7;
-/// Samples next to each end of the profile that make its two levels.
-const N_LEVEL: usize = 3;
-/// Shares of the wall's height at which profiles are taken. The wall of a gable ends at two thirds of the block that stands for it: the upper one
-/// then tells too little. Without it (0.3 to 0.6), villages that bleed were 0.1 m better, and flat roofs, which are low, as much worse.
-const LEVELS: [f32; 4] = [0.3, 0.45, 0.6, 0.75];
+/// Samples across an edge, a pixel apart.
+type Profile = [f64; 2 * HALF_WIDTH_PX as usize];
+/// Shares of the wall's height at which profiles are taken. The wall of a gable ends at two thirds of the block that stands for it, and
+/// above its eave no corner is left: 0.3 to 0.75 told a fifth less in villages.
+const LEVELS: [f32; 8] = [0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55];
+/// How far an edge may be smeared to either side, pixels: with one width alone, sharp edges or blurred ones looked moved.
+const SMEARS_PX: [f64; 3] = [1.0, 2.0, 3.0];
+/// Moves of the edge that are tried: this many pixels apart, and so many steps from where the model has it.
+const STEP_PX: f64 = 0.5;
+const MOVES: RangeInclusive<i32> = -4..=10;
+/// Samples at an end that tell which way a wall goes on.
+const N_END: usize = 3;
 /// Least difference in depth across the edge, as a share of the depth.
 const MIN_JUMP: f32 = 0.015;
 /// Spills are told in steps of this many to a pixel.
@@ -113,9 +124,9 @@ fn side_edges(scene: &Scene, heights_m: &[f32], placed: &PlacedCamera, building:
 /// The offset of the prior's edge; `None` where the model has no clean edge there, or the prior sees none.
 fn offset(tracer: &SceneTracer<'_>, placed: &PlacedCamera, prior: &DepthPrior, edge: &WallEdge) -> Option<f64> {
     let mut scratch = Vec::new();
-    let (mut seen, mut rendered) = (Vec::new(), Vec::new());
+    let (mut seen, mut rendered) = (Profile::default(), Profile::default());
     let (mut nearest, mut farthest) = (f32::INFINITY, 0.0_f32);
-    for step in -HALF_WIDTH_PX..HALF_WIDTH_PX {
+    for (i, step) in (-HALF_WIDTH_PX..HALF_WIDTH_PX).enumerate() {
         let pixel = edge.at + (f64::from(step) + 0.5) * edge.outward;
         let (depth, face) = tracer.trace(&placed.ray(pixel)?, &mut scratch);
         let is_own = face.building().is_some_and(|b| b.at() == edge.building);
@@ -127,25 +138,101 @@ fn offset(tracer: &SceneTracer<'_>, placed: &PlacedCamera, prior: &DepthPrior, e
         } else {
             nearest = nearest.min(depth);
         }
-        rendered.push(f64::from(depth.recip()));
-        seen.push(f64::from(nearness_at(placed, prior, pixel)));
+        rendered[i] = f64::from(depth.recip());
+        seen[i] = f64::from(nearness_at(placed, prior, pixel));
     }
     if nearest < farthest * (1.0 + MIN_JUMP) || seen.iter().any(|p| !p.is_finite()) {
         return None;
     }
-    Some(area(&seen)? - area(&rendered)?)
+    moved_by(&seen, &rendered)
 }
 
-/// Area under a profile scaled from 1 at its near end to 0 at its far end, in samples.
-fn area(profile: &[f64]) -> Option<f64> {
-    let near = stats::mean(&profile[..N_LEVEL])?;
-    let far = stats::mean(&profile[profile.len() - N_LEVEL..])?;
-    (near > far).then(|| profile.iter().map(|p| (p - far) / (near - far)).sum())
+/// By how many samples the edge in the middle of a rendered profile has to be moved to look like the seen one, but for a scale and an offset;
+/// `None` where it looks like it nowhere.
+fn moved_by(seen: &Profile, rendered: &Profile) -> Option<f64> {
+    let likeness = |by: f64, smear_px: f64| explained(seen, &with_edge_at(rendered, by, smear_px));
+    let tried = SMEARS_PX.iter().flat_map(|&smear_px| MOVES.map(move |i| (STEP_PX * f64::from(i), smear_px)));
+    let likest = tried.map(|(by, smear_px)| (likeness(by, smear_px), by, smear_px)).max_by(|a, b| a.0.total_cmp(&b.0));
+    let (most, by, smear_px) = likest.filter(|likest| likest.0 > 0.0)?;
+    let around = [likeness(by - STEP_PX, smear_px), most, likeness(by + STEP_PX, smear_px)];
+    Some(stats::parabola_peak(by, STEP_PX, around))
+}
+
+/// A rendered profile with its edge moved from the middle and smeared: the wall drawn on past its corner, the far side as it ends.
+fn with_edge_at(rendered: &Profile, by: f64, smear_px: f64) -> Profile {
+    let (near, far) = rendered.split_at(rendered.len() / 2);
+    std::array::from_fn(|i| {
+        // From the moved edge, whose two neighbours lie half a sample beside it.
+        let x = i as f64 + 0.5 - near.len() as f64 - by;
+        let near_share = (0.5 - 0.5 * x / smear_px).clamp(0.0, 1.0);
+        let far_at = (x - 0.5).clamp(0.0, far.len() as f64 - 1.0);
+        near_share * drawn_on(near, x + near.len() as f64 - 0.5) + (1.0 - near_share) * drawn_on(far, far_at)
+    })
+}
+
+/// Samples at a place between them, or beyond in the direction of the last [`N_END`].
+fn drawn_on(samples: &[f64], at: f64) -> f64 {
+    let last = samples.len() - 1;
+    let slope = |from: usize, to: usize| (samples[to] - samples[from]) / (to - from) as f64;
+    if at <= 0.0 {
+        samples[0] + at * slope(0, N_END - 1)
+    } else if at >= last as f64 {
+        samples[last] + (at - last as f64) * slope(last + 1 - N_END, last)
+    } else {
+        let i = at as usize;
+        samples[i] + (at - i as f64) * slope(i, i + 1)
+    }
+}
+
+/// The share of the variance of some values that a scale (not a negative one) and an offset of a model explain.
+fn explained(values: &Profile, model: &Profile) -> f64 {
+    let mean_of = |profile: &Profile| profile.iter().sum::<f64>() / profile.len() as f64;
+    let (mean, model_mean) = (mean_of(values), mean_of(model));
+    let (mut shared, mut of_values, mut of_model) = (0.0, 0.0, 0.0);
+    for (value, model) in values.iter().zip(model) {
+        shared += (value - mean) * (model - model_mean);
+        of_values += (value - mean).powi(2);
+        of_model += (model - model_mean).powi(2);
+    }
+    if shared > 0.0 { shared * shared / (of_values * of_model) } else { 0.0 }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A wall that recedes to its corner, over ground: what a prior shows whose near side is grown by so much and blurred, at another scale.
+    fn profiles(bleeding_px: f64, blur_px: f64) -> (Profile, Profile) {
+        let wall = |x: f64| 0.9 - 0.05 * x;
+        let (far, finer) = (0.1, 20.0);
+        let at = |i: usize| i as f64 + 0.5 - f64::from(HALF_WIDTH_PX);
+        let rendered = std::array::from_fn(|i| if at(i) < 0.0 { wall(at(i)) } else { far });
+        // Grown: what is nearest within the bleeding, so the whole wall moves outwards.
+        let grown = |x: f64| if x < bleeding_px { wall(x - bleeding_px) } else { far };
+        let blurred = |x: f64| {
+            let offsets = (-100..=100).map(|k| f64::from(k) / finer);
+            let (mut sum, mut weights) = (0.0, 0.0);
+            for offset in offsets {
+                let weight = (-0.5 * (offset / blur_px).powi(2)).exp();
+                sum += weight * grown(x + offset);
+                weights += weight;
+            }
+            sum / weights
+        };
+        let seen = std::array::from_fn(|i| 3.0 + 0.4 * blurred(at(i)));
+        (seen, rendered)
+    }
+
+    #[test]
+    fn edges_are_told_where_they_are_though_walls_recede_and_priors_are_blurred() {
+        for bleeding_px in [-1.0, 0.0, 0.7, 2.0, 3.2] {
+            for blur_px in [0.3, 0.8, 1.5] {
+                let (seen, rendered) = profiles(bleeding_px, blur_px);
+                let told_px = moved_by(&seen, &rendered).expect("an edge");
+                assert!((told_px - bleeding_px).abs() < 0.25, "{bleeding_px} px, blurred by {blur_px}: {told_px}");
+            }
+        }
+    }
 
     #[test]
     fn a_view_bleeds_by_the_median_of_its_own_edges_if_it_has_enough_of_them() {

@@ -92,7 +92,7 @@ const PIXEL_SHARE: f64 = 0.25;
 const PIXEL_SHARE_IN_METRES: f64 = 0.65;
 const FORM_SHARE: f64 = 0.6;
 const UNEXPLAINED_M: f64 = 0.85;
-const BLEEDING_SHARE: f64 = 0.45;
+const BLEEDING_SHARE: f64 = 0.25;
 
 impl Doubts {
     /// One standard deviation of the height, metres.
