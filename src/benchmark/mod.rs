@@ -34,6 +34,7 @@ use crate::config::ConfigError;
 use crate::pipeline::PipelineError;
 use sizeup_geo::files::FileError;
 use sizeup_lab::evaluate::EvaluationError;
+use sizeup_lab::evaluate::solid::SolidError;
 use sizeup_lab::simulate::SimulateError;
 use sizeup_results::output::read::ReadError;
 
@@ -119,6 +120,9 @@ pub enum BenchmarkError {
     /// A result could not be read back.
     #[error(transparent)]
     Read(#[from] ReadError),
+    /// Bodies of a result could not be read back.
+    #[error(transparent)]
+    Solids(#[from] SolidError),
     /// A result could not be compared with the truth.
     #[error(transparent)]
     Evaluate(#[from] EvaluationError),

@@ -10,7 +10,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::studies::{self, StudyConfig, StudyTables};
-use super::{BenchmarkError, Method, Outcome, Programs, SceneJob, SuitePlan, TellScenes, Variant, run_scene};
+use super::{
+    BenchmarkError, BodyScores, Method, Outcome, Programs, SceneJob, SuitePlan, TellScenes, Variant, run_scene,
+};
 use sizeup_geo::files::{write_json, write_whole};
 use sizeup_lab::simulate::{ErrorConfig, FlightPattern, PriorLevel, SimulateConfig};
 
@@ -282,14 +284,15 @@ impl PaperTables {
         );
         for scene in &self.scenes {
             for outcome in &scene.outcomes {
-                text.push_str(&bodies_row(scene, outcome));
+                text.push_str(&bodies_rows(scene, outcome));
             }
         }
         text.push_str(
             "\nerr: |h − h*| with the mean roof height as h*; acc = max(0, 1 − err/h*); acc 90 %: what 90 % of the buildings reach. \
              Time: from priors on disk to heights, everything but the priors themselves; in brackets processor seconds of the \
              whole run. Err: distances from the result's walls and roofs to the true surface; Comp: share of the true walls and \
-             roofs within 0.5 and 1 m of the result. `constant` and `neighbourhood` are told true heights (the median of all; the \
+             roofs within 0.5 and 1 m of the result. Bodies are blocks, as LOD 1.2 has them, but for hulls and stacks, which make their own, and \
+             `robust`, LOD 2.0: its result's highest level of detail, with roof forms where they are certain. `constant` and `neighbourhood` are told true heights (the median of all; the \
              five nearest others) and stand for what no evidence at all gives. Points: simulated sparse multi-view points with \
              noise, gaps and blunders; making them takes a real pipeline far longer than the times here, which leave it out. \
              ArcPro and the learned footprint extractors: not reproduced, no public weights or code. ",
@@ -330,16 +333,21 @@ fn heights_row(scene: &PaperResult, outcome: &Outcome) -> String {
     )
 }
 
-fn bodies_row(scene: &PaperResult, outcome: &Outcome) -> String {
-    let Some(bodies) = &outcome.bodies else { return String::new() };
+fn bodies_rows(scene: &PaperResult, outcome: &Outcome) -> String {
+    let name = format!("`{}`", outcome.method.name());
+    let formed_name = format!("{name}, LOD 2.0");
+    let rows = [(name, &outcome.bodies), (formed_name, &outcome.formed_bodies)];
+    rows.into_iter().filter_map(|(name, bodies)| Some(bodies_row(scene, outcome, &name, bodies.as_ref()?))).collect()
+}
+
+fn bodies_row(scene: &PaperResult, outcome: &Outcome, name: &str, bodies: &BodyScores) -> String {
     let dash = || "–".to_owned();
     let surface = bodies.surface.as_ref();
     let volume = bodies.volume.as_ref();
     let user = outcome.user_s.map_or_else(dash, |s| format!("{s:.1}"));
     format!(
-        "| {} | `{}` | {} | {} | {} | {} | {:.1} ({user}) |\n",
+        "| {} | {name} | {} | {} | {} | {} | {:.1} ({user}) |\n",
         scene.scene,
-        outcome.method.name(),
         surface.map_or_else(dash, |s| format!("{:.2}/{:.2}", s.error_90_m, s.error_95_m)),
         surface.map_or_else(dash, |s| format!("{:.1}/{:.1}", 100.0 * s.completeness_05, 100.0 * s.completeness_1)),
         volume.and_then(|v| v.voxel_iou.get("0.5")).map_or_else(dash, |iou| format!("{:.1}", 100.0 * iou)),

@@ -12,11 +12,12 @@ use super::{BenchmarkError, Method, RealCameras, SuitePlan};
 use crate::config::RunConfig;
 use crate::pipeline::{RunOptions, RunSummary, Stage, run_with};
 use sizeup_geo::cloud;
+use sizeup_geo::crs::Crs;
 use sizeup_geo::files::{FileError, write_whole};
 use sizeup_heights::optimise::{EpochRecord, OptimiseConfig, Problem};
 use sizeup_heights::stats;
 use sizeup_lab::evaluate::read::{TruthOptions, read_results, read_truth};
-use sizeup_lab::evaluate::solid::Solid;
+use sizeup_lab::evaluate::solid::{Solid, SolidError, read_solids};
 use sizeup_lab::evaluate::{HeightEvaluation, HeightOptions, TruthBuilding, evaluate_heights};
 use sizeup_lab::simulate::{SimulateConfig, simulate, simulate_with_views};
 use sizeup_results::output::sha256_hex;
@@ -106,9 +107,12 @@ pub struct Outcome {
     pub heights_s: f64,
     /// Processor seconds of the whole run in user mode, all threads; `None` where the system does not tell.
     pub user_s: Option<f64>,
-    /// Bodies against the true ones, where that was asked for.
+    /// Bodies against the true ones, where that was asked for: a block for each building or part, or what the method makes itself.
     #[serde(default)]
     pub bodies: Option<BodyScores>,
+    /// The same of the result's highest level of detail, with the forms of roofs; only of `robust`, which alone finds them.
+    #[serde(default)]
+    pub formed_bodies: Option<BodyScores>,
     /// Pass by pass, for methods that have passes.
     #[serde(default)]
     pub passes: Vec<Pass>,
@@ -184,7 +188,7 @@ fn settings_sha256(job: &SceneJob, variant: &Variant) -> String {
         env!("CARGO_PKG_VERSION"),
         job.scene_settings(),
         job.assignments_of(variant),
-        job.with_bodies,
+        job.with_bodies.then_some("blocks, and the highest level of detail"),
         variant.method
     ]);
     sha256_hex(parts.to_string().as_bytes())
@@ -258,14 +262,18 @@ fn run_variant(job: &SceneJob, variant: &Variant, folder: &Path, origin: Origin)
         source,
     })?;
     let user_s = user_seconds().zip(user_before).map(|(after, before)| after - before);
-    let results = read_results(&config.project.output.join("city.city.json"), &crs)?;
-    let bodies = if job.with_bodies {
+    let city = config.project.output.join("city.city.json");
+    let results = read_results(&city, &crs)?;
+    let (mut bodies, mut formed_bodies) = (None, None);
+    if job.with_bodies {
+        let truth = true_bodies(&job.name, &job.simulate)?;
+        let against_truth = |bodies: &[Solid]| Some(score(bodies, &truth, job.simulate.seed));
         let extruded = || results.iter().filter_map(Solid::of_record).collect::<Vec<Solid>>();
-        let own = own_bodies.take().unwrap_or_else(extruded);
-        Some(score(&own, &true_bodies(&job.name, &job.simulate)?, job.simulate.seed))
-    } else {
-        None
-    };
+        bodies = against_truth(&own_bodies.take().unwrap_or_else(extruded));
+        if method == Method::Robust {
+            formed_bodies = against_truth(&highest_bodies(&city, &crs)?);
+        }
+    }
     Ok(Outcome {
         scene: job.name.clone(),
         method,
@@ -279,8 +287,15 @@ fn run_variant(job: &SceneJob, variant: &Variant, folder: &Path, origin: Origin)
         heights_s: seconds_of(&summary, Stage::Heights),
         user_s,
         bodies,
+        formed_bodies,
         passes: history.take(),
     })
+}
+
+/// A result's bodies at their highest level of detail, as surfaces alone: no prisms describe them.
+fn highest_bodies(city: &Path, crs: &Crs) -> Result<Vec<Solid>, SolidError> {
+    let found = read_solids(city, None, Some(crs), crs)?;
+    Ok(found.solids.into_iter().map(|solid| Solid { prisms: Vec::new(), ..solid }).collect())
 }
 
 /// Evidence that the method needs beside priors.

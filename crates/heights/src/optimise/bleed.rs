@@ -29,7 +29,10 @@ const HALF_WIDTH_PX: i32 = 7;
 type Profile = [f64; 2 * HALF_WIDTH_PX as usize];
 /// Shares of the wall's height at which profiles are taken. The wall of a gable ends at two thirds of the block that stands for it, and
 /// above its eave no corner is left: 0.3 to 0.75 told a fifth less in villages.
-const LEVELS: [f32; 8] = [0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55];
+const LEVELS: RangeInclusive<f32> = 0.2..=0.55;
+/// Levels lie apart by a power of two of metres, about this share of the height, from the ground up: what is seen at one does not depend on the
+/// height, which is not the same in all tiles.
+const LEVEL_STEP: f32 = 0.05;
 /// How far an edge may be smeared to either side, pixels: with one width alone, sharp edges or blurred ones looked moved.
 const SMEARS_PX: [f64; 3] = [1.0, 2.0, 3.0];
 /// Moves of the edge that are tried: this many pixels apart, and so many steps from where the model has it.
@@ -44,6 +47,9 @@ const STEPS_PER_PX: f64 = 10.0;
 /// Fewer profiles do not tell. With 40, and the median of all views for the others, simulated priors that bleed gave the same
 /// accuracy (and 0 for the others less: 0.7 m in place of 0.5 m), but a height then depended on the views of its tile.
 const MIN_PROFILES: usize = 20;
+/// A view whose edges seem to have moved farther, pixels, shows none: its prior slopes from the walls to beyond the profiles' ends, as stereo does over
+/// what it did not match. What seemed to have moved by five pixels over a real block had not moved at all.
+const MAX_BLEEDING_PX: f64 = 4.0;
 
 /// Roofs as they stand, to look for edges in.
 pub struct Edges<'a> {
@@ -72,13 +78,15 @@ impl<'a> Edges<'a> {
     }
 }
 
-/// The bleeding of a view: the median of its offsets, 0 where it has too few to tell. No other view has a say, so a view's
+/// The bleeding of a view: the median of its offsets, 0 where it has too few to tell, or shows no edges. No other view has a say, so a view's
 /// value does not depend on what else is solved with it; and as it is told to a tenth of a pixel, which is less than its own
 /// uncertainty, hardly ever on single heights far away.
 #[must_use]
 pub fn bleeding_px(offsets: &[f64]) -> f64 {
     let median_px = Some(offsets).filter(|offsets| offsets.len() >= MIN_PROFILES).and_then(stats::median);
-    median_px.map_or(0.0, |median_px| (median_px * STEPS_PER_PX).round() / STEPS_PER_PX)
+    median_px
+        .filter(|px| px.abs() <= MAX_BLEEDING_PX)
+        .map_or(0.0, |median_px| (median_px * STEPS_PER_PX).round() / STEPS_PER_PX)
 }
 
 /// A place on a wall corner's vertical edge that is the side of a building in a view.
@@ -105,8 +113,8 @@ fn side_edges(scene: &Scene, heights_m: &[f32], placed: &PlacedCamera, building:
             continue;
         }
         let project = |p: Vec2, z: f32| placed.project(p.extend(z).as_dvec3());
-        for level in LEVELS {
-            let z = prism.ground_z + level * heights_m[building];
+        for level_m in levels_m(heights_m[building]) {
+            let z = prism.ground_z + level_m;
             let (Some(at), Some(above), Some(inside)) =
                 (project(corner, z), project(corner, z + 0.5), project(0.5 * (previous + next), z))
             else {
@@ -119,6 +127,13 @@ fn side_edges(scene: &Scene, heights_m: &[f32], placed: &PlacedCamera, building:
         }
     }
     found
+}
+
+/// Heights above ground, metres, at which profiles are taken on walls of a height.
+fn levels_m(height_m: f32) -> impl Iterator<Item = f32> {
+    let step_m = (LEVEL_STEP * height_m).log2().round().exp2();
+    let (first, last) = ((LEVELS.start() * height_m / step_m).ceil(), (LEVELS.end() * height_m / step_m).floor());
+    (first as u32..=last as u32).map(move |i| i as f32 * step_m)
 }
 
 /// The offset of the prior's edge; `None` where the model has no clean edge there, or the prior sees none.
@@ -234,11 +249,26 @@ mod tests {
         }
     }
 
+    /// What is seen at a level must not depend on the height that a tile gives the wall.
     #[test]
-    fn a_view_bleeds_by_the_median_of_its_own_edges_if_it_has_enough_of_them() {
+    fn walls_of_nearly_the_same_height_are_looked_at_in_the_same_places() {
+        let [low, high] = [7.6, 7.9].map(|height_m| levels_m(height_m).collect::<Vec<f32>>());
+        assert_eq!(low, [2.0, 2.5, 3.0, 3.5, 4.0]);
+        assert_eq!(high, low);
+        for height_m in [1.9, 3.0, 5.7, 11.0, 90.0] {
+            let levels: Vec<f32> = levels_m(height_m).collect();
+            assert!((5..=11).contains(&levels.len()), "{height_m}: {levels:?}");
+            assert!(levels.iter().all(|level_m| LEVELS.contains(&(level_m / height_m))), "{height_m}: {levels:?}");
+        }
+    }
+
+    #[test]
+    fn a_view_bleeds_by_the_median_of_its_own_edges_if_it_shows_enough_of_them() {
         let offsets: Vec<f64> = (0..MIN_PROFILES).map(|i| 1.26 + 0.1 * (i % 3) as f64 - 0.1).collect();
         assert_eq!(bleeding_px(&offsets), 1.3);
         assert_eq!(bleeding_px(&offsets[1..]), 0.0);
         assert_eq!(bleeding_px(&[]), 0.0);
+        let at_the_end: Vec<f64> = (0..MIN_PROFILES).map(|i| if i % 3 == 0 { 0.4 } else { 5.0 }).collect();
+        assert_eq!(bleeding_px(&at_the_end), 0.0, "edges that are nowhere in the profiles");
     }
 }

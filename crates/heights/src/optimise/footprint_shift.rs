@@ -112,7 +112,9 @@ impl SettledScene<'_> {
             let sigma_m = sigma.truncate().max_element();
             let is_moved = way.truncate().length() >= LEAST_M.max(SIGMAS * sigma_m);
             let outwards_m = common_m.filter(|_| block.len() == 1).map_or(0.0, |common_m| way.z - common_m);
-            let is_resized = outwards_m.abs() >= LEAST_M.max(SIGMAS * sigma.z);
+            // What was found half a metre away, and may not lie there, was measured in another place than the one told.
+            let is_settled = is_moved || way.truncate().length() < LEAST_M;
+            let is_resized = is_settled && outwards_m.abs() >= LEAST_M.max(SIGMAS * sigma.z);
             if !(is_moved || is_resized) || !self.block(block).is_better(*way) {
                 return None;
             }

@@ -21,9 +21,8 @@ use crate::scene::{Prism, Scene};
 const STEPS_PER_M: f32 = 1000.0;
 /// Local sweeps over heights that were looked for in the whole range again.
 const N_AFTER_LEAP: usize = 2;
-/// Spill that is left alone, and the most that is taken back, pixels of the working image.
+/// Less bleeding is left alone, pixels of the working image.
 const MIN_BLEEDING_PX: f64 = 0.5;
-const MAX_BLEEDING_PX: f64 = 4.0;
 
 impl SolverState<'_> {
     pub(super) fn run_search(&mut self) {
@@ -224,7 +223,7 @@ impl SolverState<'_> {
         let mut changed = Vec::new();
         for (&v, bleeding_px) in used.iter().zip(bleedings_px) {
             if bleeding_px.abs() >= MIN_BLEEDING_PX {
-                self.bleeding_px[v] = bleeding_px.clamp(-MAX_BLEEDING_PX, MAX_BLEEDING_PX);
+                self.bleeding_px[v] = bleeding_px;
                 self.evidence[v] = None;
                 changed.push(v);
             }
