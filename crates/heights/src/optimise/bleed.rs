@@ -249,7 +249,7 @@ mod tests {
         }
     }
 
-    /// What is seen at a level must not depend on the height that a tile gives the wall.
+    /// Tiles give a wall slightly different heights: what is seen at a level must not depend on them.
     #[test]
     fn walls_of_nearly_the_same_height_are_looked_at_in_the_same_places() {
         let [low, high] = [7.6, 7.9].map(|height_m| levels_m(height_m).collect::<Vec<f32>>());
