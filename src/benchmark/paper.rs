@@ -291,10 +291,11 @@ impl PaperTables {
             "\nerr: |h − h*| with the mean roof height as h*; acc = max(0, 1 − err/h*); acc 90 %: what 90 % of the buildings reach. \
              Time: from priors on disk to heights, everything but the priors themselves; in brackets processor seconds of the \
              whole run. Err: distances from the result's walls and roofs to the true surface; Comp: share of the true walls and \
-             roofs within 0.5 and 1 m of the result. Bodies are blocks, as LOD 1.2 has them, but for hulls and stacks, which make their own, and \
-             `robust`, LOD 2.0: its result's highest level of detail, with roof forms where they are certain. `constant` and `neighbourhood` are told true heights (the median of all; the \
-             five nearest others) and stand for what no evidence at all gives. Points: simulated sparse multi-view points with \
-             noise, gaps and blunders; making them takes a real pipeline far longer than the times here, which leave it out. \
+             roofs within 0.5 and 1 m of the result. Bodies are blocks, as LOD 1.2 has them, but for hulls and stacks, which make \
+             their own, and `robust`, LOD 2.0: its result's highest level of detail, with roof forms where they are certain. \
+             `constant` and `neighbourhood` are told true heights (the median of all; the five nearest others) and stand for what \
+             no evidence at all gives. Points: simulated sparse multi-view points with noise, gaps and blunders; making them takes \
+             a real pipeline far longer than the times here, which leave it out. \
              ArcPro and the learned footprint extractors: not reproduced, no public weights or code. ",
         );
         text.push_str(&self.programs.to_markdown());

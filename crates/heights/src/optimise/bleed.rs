@@ -42,7 +42,7 @@ const MOVES: RangeInclusive<i32> = -4..=10;
 const N_END: usize = 3;
 /// Least difference in depth across the edge, as a share of the depth.
 const MIN_JUMP: f32 = 0.015;
-/// Spills are told in steps of this many to a pixel.
+/// Bleeding is told in steps of this many to a pixel.
 const STEPS_PER_PX: f64 = 10.0;
 /// Fewer profiles do not tell. With 40, and the median of all views for the others, simulated priors that bleed gave the same
 /// accuracy (and 0 for the others less: 0.7 m in place of 0.5 m), but a height then depended on the views of its tile.
@@ -78,9 +78,9 @@ impl<'a> Edges<'a> {
     }
 }
 
-/// The bleeding of a view: the median of its offsets, 0 where it has too few to tell, or shows no edges. No other view has a say, so a view's
-/// value does not depend on what else is solved with it; and as it is told to a tenth of a pixel, which is less than its own
-/// uncertainty, hardly ever on single heights far away.
+/// The bleeding of a view: the median of its offsets, 0 where it has too few to tell, or shows no edges. No other view has a say,
+/// so a view's value does not depend on what else is solved with it; and as it is told to a tenth of a pixel, which is less
+/// than its own uncertainty, hardly ever on single heights far away.
 #[must_use]
 pub fn bleeding_px(offsets: &[f64]) -> f64 {
     let median_px = Some(offsets).filter(|offsets| offsets.len() >= MIN_PROFILES).and_then(stats::median);

@@ -21,8 +21,8 @@ impl SolverState<'_> {
     pub(super) fn into_solution(self) -> Solution {
         let heights = (0..self.heights_m.len()).map(|b| self.solved(b)).collect();
         let used_views: Vec<usize> = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();
-        let spills: Vec<f64> = used_views.iter().map(|&v| self.bleeding_px[v]).collect();
-        let bleeding_px = crate::stats::median(&spills).unwrap_or(0.0);
+        let bleedings_px: Vec<f64> = used_views.iter().map(|&v| self.bleeding_px[v]).collect();
+        let bleeding_px = crate::stats::median(&bleedings_px).unwrap_or(0.0);
         let failed_views = self.failed.iter().enumerate().filter_map(|(v, why)| Some((v, why.clone()?))).collect();
         let n_straightened = self.evidence.iter().flatten().filter(|evidence| evidence.was_bent).count();
         let other_levels = self.other_levels;
@@ -31,7 +31,7 @@ impl SolverState<'_> {
             history: self.history,
             used_views,
             bleeding_px,
-            bleedings_px: spills,
+            bleedings_px,
             n_straightened,
             layer_shift: self.layer_shift,
             other_levels,
