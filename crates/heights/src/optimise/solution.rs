@@ -86,7 +86,7 @@ pub struct Doubts {
 
 /// Weight of each doubt in the stated standard deviation. Fitted for 68 and 95 % within one and two of them, in each of 20 cells
 /// (three kinds of towns, real roofs under real cameras and under a simulated flight; four levels of prior errors; 2,167 buildings),
-/// seeds 31 and 32 and the western half of Rotterdam; that of priors in metres on stereo in towns of seed 31.
+/// seeds 31 and 32 and the western half of Rotterdam; that of a pixel of priors in metres is older.
 const VIEWS_SHARE: f64 = 0.8;
 const PIXEL_SHARE: f64 = 0.1;
 const PIXEL_SHARE_IN_METRES: f64 = 0.65;
