@@ -56,6 +56,8 @@ pub fn median_and_mad(values: &[f32]) -> Option<(f32, f32)> {
 
 /// A standard deviation per median absolute deviation of a normal distribution.
 pub const SIGMA_PER_MAD: f64 = 1.4826;
+/// The standard error of a median of normal values, by that of their mean: √(π/2).
+pub const STANDARD_ERROR_OF_MEDIAN: f64 = 1.2533;
 
 /// The standard deviation of residuals as their far side shows it (those of 0 and less), where only the near side is
 /// heavy: what a model leaves out always stands in front of it. `None` if there is no far side.

@@ -56,8 +56,6 @@ const MAX_BLEEDING_PX: f64 = 4.0;
 /// that are too large look like, 0.03 m.
 const MANY_CORNERS: usize = 8;
 const STANDARD_ERRORS: f64 = 1.5;
-/// The standard error of a median of normal values, by that of their mean: √(π/2).
-const STANDARD_ERROR_OF_MEDIAN: f64 = 1.2533;
 
 /// Roofs as they stand, to look for edges in.
 pub struct Edges<'a> {
@@ -108,7 +106,7 @@ fn standard_error_px(of_corners: &[Vec<f64>]) -> f64 {
     let Some(middle) = stats::median(&medians) else { return f64::INFINITY };
     let deviations: Vec<f64> = medians.iter().map(|median| (median - middle).abs()).collect();
     let sigma = stats::SIGMA_PER_MAD * stats::median(&deviations).unwrap_or(f64::INFINITY);
-    STANDARD_ERROR_OF_MEDIAN * sigma / (medians.len() as f64).sqrt()
+    stats::STANDARD_ERROR_OF_MEDIAN * sigma / (medians.len() as f64).sqrt()
 }
 
 /// A place on a wall corner's vertical edge that is the side of a building in a view.

@@ -12,12 +12,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use sizeup_heights::stats::{SIGMA_PER_MAD, median};
+use sizeup_heights::stats::{SIGMA_PER_MAD, STANDARD_ERROR_OF_MEDIAN, median};
 
 /// Fewer pairs say nothing of what is common to all.
 const MIN_PAIRS: usize = 10;
-/// Standard deviation of a median, in standard deviations of a normal distribution's mean.
-const MEDIAN_SIGMA: f64 = 1.2533;
 /// Sigmas from the middle beyond which values are left out, and its own sigmas that a shift must exceed.
 const N_SIGMAS: f64 = 3.0;
 /// The least shift that is taken off, metres: results keep millimetres, and nobody flies to centimetres.
@@ -54,7 +52,7 @@ impl Shift {
     #[must_use]
     pub fn of(differences_m: &[f64], rule: ShiftRule) -> Self {
         let Some(Middle { value, spread, n }) = middle(differences_m) else { return Self::default() };
-        let sigma_m = MEDIAN_SIGMA * spread / (n as f64).sqrt();
+        let sigma_m = STANDARD_ERROR_OF_MEDIAN * spread / (n as f64).sqrt();
         let is_significant = value.abs() > LEAST_M.max(N_SIGMAS * sigma_m);
         Self { value_m: value, sigma_m, n_pairs: n, is_taken_off: is_significant && rule == ShiftRule::TakeOff }
     }
