@@ -61,15 +61,8 @@ mod tests {
         let scene = Scene::new(&on_ground, &Terrain::Constant(0.0), bounds, 10.0);
         let of = |(i, h): (usize, &f64)| SolvedHeight {
             height_m: Some(*h),
-            roof: None,
-            sigma_m: None,
-            views: Vec::new(),
-            score: None,
             raised_m: (settled == Some(i)).then_some(0.1),
-            form_certainty: None,
-            footprint_shift: None,
-            doubts: sizeup_heights::optimise::Doubts::default(),
-            reasons: Vec::new(),
+            ..SolvedHeight::default()
         };
         let heights = heights_m.iter().enumerate().map(of).collect();
         let mut solution = Solution { heights, ..Solution::default() };

@@ -205,18 +205,7 @@ impl LiftView<'_> {
 fn solved(levels: &[(usize, f64)], height_m: f32, scene: &Scene) -> SolvedHeight {
     let views: Vec<usize> = levels.iter().map(|l| l.0).collect();
     if views.is_empty() {
-        return SolvedHeight {
-            height_m: None,
-            roof: None,
-            sigma_m: None,
-            views,
-            score: None,
-            raised_m: None,
-            form_certainty: None,
-            footprint_shift: None,
-            doubts: sizeup_heights::optimise::Doubts::default(),
-            reasons: vec![Reason::SeenByNoView],
-        };
+        return SolvedHeight { reasons: vec![Reason::SeenByNoView], ..SolvedHeight::default() };
     }
     let mut reasons = Vec::new();
     if views.len() < FEW_VIEWS {
@@ -228,18 +217,7 @@ fn solved(levels: &[(usize, f64)], height_m: f32, scene: &Scene) -> SolvedHeight
     let off: Vec<f64> = levels.iter().map(|l| (l.1 - f64::from(height_m)).abs()).collect();
     let spread = stats::median(&off).map(|mad| stats::SIGMA_PER_MAD * mad / (views.len() as f64).sqrt());
     let sigma_m = spread.filter(|_| views.len() >= FEW_VIEWS);
-    SolvedHeight {
-        height_m: Some(f64::from(height_m)),
-        roof: None,
-        sigma_m,
-        views,
-        score: None,
-        raised_m: None,
-        form_certainty: None,
-        footprint_shift: None,
-        doubts: sizeup_heights::optimise::Doubts::default(),
-        reasons,
-    }
+    SolvedHeight { height_m: Some(f64::from(height_m)), sigma_m, views, reasons, ..SolvedHeight::default() }
 }
 
 /// One round for the history: the loss is the mean spread of the views' heights, metres.

@@ -32,15 +32,8 @@ use sizeup_heights::optimise::{Reason, Solution, SolvedHeight};
 fn without_views(heights_m: Vec<Option<f64>>, doubt: Option<Reason>) -> Solution {
     let solved = |height_m: Option<f64>| SolvedHeight {
         height_m,
-        roof: None,
-        sigma_m: None,
-        views: Vec::new(),
-        score: None,
-        raised_m: None,
-        form_certainty: None,
-        footprint_shift: None,
-        doubts: sizeup_heights::optimise::Doubts::default(),
         reasons: if height_m.is_none() { vec![Reason::SeenByNoView] } else { doubt.into_iter().collect() },
+        ..SolvedHeight::default()
     };
     Solution {
         heights: heights_m.into_iter().map(solved).collect(),

@@ -22,7 +22,7 @@ use rstar::primitives::{GeomWithData, Rectangle};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::photo_consistency::choose;
+use crate::photo_consistency::{FLATTEST, choose};
 use crate::prior::{Album, Picture, PriorError};
 use sizeup_geo::terrain::{Dem, DemError, MapBox, Terrain};
 use sizeup_survey::View;
@@ -231,7 +231,7 @@ pub fn off_by(
     let album = Album::new(config.long_side_px, PICTURE_BYTES);
     let n_done = std::sync::atomic::AtomicUsize::new(0);
     let look = |near: &DVec3| {
-        let chosen = choose(&with_photo, *near, config.n_views, |_| true);
+        let chosen = choose(&with_photo, *near, config.n_views, FLATTEST, |_| true);
         let seen_in: Vec<_> = chosen.iter().map(|&view| album.picture(with_photo[view])).collect::<Result<_, _>>()?;
         let seen_in: Vec<&Picture> = seen_in.iter().map(|picture: &Arc<Picture>| &**picture).collect();
         let outcome = patch::height(&seen_in, *near, config);

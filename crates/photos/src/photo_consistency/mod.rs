@@ -26,7 +26,9 @@ use sizeup_heights::views::in_turn;
 use sizeup_survey::View;
 
 /// Photos that look at the surface flatter than this (tangent of the angle off nadir) are not asked.
-const FLATTEST: f64 = 1.5;
+pub const FLATTEST: f64 = 1.5;
+/// The same for roofs that too few photos show more steeply.
+pub const FLATTEST_OF_FEW: f64 = 2.5;
 /// Share of an image's sides within which the place has to lie.
 const BORDER: f64 = 0.03;
 /// Move of photos against each other from one height to the next, pixels.
@@ -47,12 +49,19 @@ const SAME_PX: f64 = 3.0;
 /// Pairs that part by less than this share of the most that any pair does look alike at all heights, and have no say.
 const LEAST_SHIFT_SHARE: f64 = 0.4;
 
-/// The photos to ask about a place: from all sides, steep ones first; `sees` may refuse more.
-pub fn choose(views: &[&View], place: DVec3, n_views: usize, sees: impl Fn(usize) -> bool) -> Vec<usize> {
+/// The photos to ask about a place: from all sides, steep ones first, none flatter than `flattest` (tangent of the angle off nadir);
+/// `sees` may refuse more.
+pub fn choose(
+    views: &[&View],
+    place: DVec3,
+    n_views: usize,
+    flattest: f64,
+    sees: impl Fn(usize) -> bool,
+) -> Vec<usize> {
     let seeing = views.iter().enumerate().filter_map(|(i, view)| {
         let from = view.camera_from_map.centre() - place;
         let slope = from.truncate().length() / from.z;
-        if !(0.0..FLATTEST).contains(&slope) {
+        if !(0.0..flattest).contains(&slope) {
             return None;
         }
         let pixel = view.pixel_of(place)?;

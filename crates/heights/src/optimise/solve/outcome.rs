@@ -128,6 +128,7 @@ impl SolverState<'_> {
             form_m: self.form_m(building, &roof),
             unexplained: score.map_or(1.0, |score| (1.0 - score.clamp(0.0, 1.0).powi(2)).sqrt()),
             bleeding_m: self.bleeding_px(building) * pixel_m,
+            height_m: roof.mean_m,
             is_in_metres: self.config.search.calibrate_on == CalibrationRays::None,
         };
         let sigma_m = spread_m.map(|_| doubts.sigma_m());
