@@ -1,6 +1,6 @@
 //! `sizeup evaluate`: a result against a reference.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
@@ -9,6 +9,8 @@ use geo_types::MultiPolygon;
 
 use super::ui::{Ui, warn_of_unfinished};
 use super::{Failure, Global, print, print_json};
+use crate::config::RunConfig;
+use crate::pipeline;
 use sizeup_footprints::{Annotated, FootprintError, PhotoInstances, coco_instances, is_coco};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::paths::file_name;
@@ -17,6 +19,7 @@ use sizeup_lab::evaluate::{
     CloudTruthOptions, ComparedFiles, HeightOptions, PhotoAreas, compare_files, evaluate_photos,
 };
 use sizeup_results::output::HeightReference;
+use sizeup_survey::View;
 
 /// Arguments of `sizeup evaluate`.
 #[derive(Debug, Clone, Args)]
@@ -63,7 +66,8 @@ pub struct EvaluateArgs {
     /// Compare heights only: no footprints, surfaces and volumes.
     #[arg(long)]
     pub heights_only: bool,
-    /// Draw a map of the errors and the reliability of the stated sigmas into this folder.
+    /// Draw a map of the errors and the reliability of the stated sigmas into this folder, and beside a run's other results the
+    /// buildings that are farthest off, over the run's photos.
     #[arg(long, value_name = "FOLDER")]
     pub pictures: Option<PathBuf>,
     /// Percentile of a point cloud's roof points that counts as the height, 0 to 100.
@@ -136,6 +140,7 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
         level_shift_m: args.level_shift.or(args.same_vertical.then_some(0.0)),
         with_shapes: !args.heights_only,
         pictures: args.pictures.clone(),
+        views: if args.pictures.is_some() && args.crs.is_none() { views_of(&args.result, global) } else { Vec::new() },
         seed: 0,
     };
     let report = compare_files(&comparison).map_err(|e| Failure::new(3, &e))?;
@@ -145,6 +150,22 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
         print(&report)?;
     }
     Ok(0)
+}
+
+/// The photos of the run that a result is of, with their poses; none where it does not lie in the folder of a run.
+fn views_of(result: &Path, global: &Global) -> Vec<View> {
+    let config = result.with_file_name(RunConfig::SAVED_NAME);
+    if !config.is_file() {
+        return Vec::new();
+    }
+    let config = RunConfig::load(&config, &[]).map_err(|e| e.to_string());
+    match config.and_then(|config| pipeline::survey_of(&config).map_err(|e| e.to_string())) {
+        Ok(survey) => survey.views,
+        Err(why) => {
+            Ui::new(global).say(format!("warning: no building is pictured in its photos: {why}"));
+            Vec::new()
+        }
+    }
 }
 
 /// Footprints in photos, both files COCO.

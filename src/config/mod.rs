@@ -221,6 +221,9 @@ impl RunConfig {
         }
     }
 
+    /// File beside every result that holds the whole configuration of its run.
+    pub const SAVED_NAME: &str = "config.toml";
+
     /// Reads a file, applies `table.key=value` assignments, and makes paths relative to the file's folder.
     ///
     /// # Errors

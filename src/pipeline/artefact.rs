@@ -131,7 +131,16 @@ pub(super) fn write<T: Serialize>(
     survey: &Survey,
     data: &T,
 ) -> Result<(), PipelineError> {
-    let written = WrittenArtefact { made_by: recipe(config, stage, survey), data };
+    write_made_by(config, stage, recipe(config, stage, survey), data)
+}
+
+fn write_made_by<T: Serialize>(
+    config: &RunConfig,
+    stage: Stage,
+    made_by: Recipe,
+    data: &T,
+) -> Result<(), PipelineError> {
+    let written = WrittenArtefact { made_by, data };
     write_whole(&path_of(config, stage), |out| {
         serde_json::to_writer(&mut *out, &written)?;
         out.write_all(b"\n")
@@ -150,9 +159,22 @@ pub(super) fn read<T: DeserializeOwned + Coherent>(
     Ok(read.data)
 }
 
+/// Writes a survey, its photos named from the folder of the results as in the configuration beside them.
+pub(super) fn write_survey(config: &RunConfig, survey: &Survey) -> Result<(), PipelineError> {
+    let mut saved = survey.clone();
+    for path in saved.views.iter_mut().filter_map(|view| view.image.as_mut()) {
+        *path = config.saved_path(path);
+    }
+    // The recipe is of the files as they are found from here.
+    write_made_by(config, Stage::Survey, recipe(config, Stage::Survey, survey), &saved)
+}
+
 /// Reads the survey that an earlier run left behind, as [`read`].
 pub(super) fn read_survey(config: &RunConfig) -> Result<Survey, PipelineError> {
-    let read: Read<Survey> = read_any(config, Stage::Survey)?;
+    let mut read: Read<Survey> = read_any(config, Stage::Survey)?;
+    for path in read.data.views.iter_mut().filter_map(|view| view.image.as_mut()) {
+        *path = config.project.output.join(&*path);
+    }
     check(config, Stage::Survey, &read, &read.data)?;
     Ok(read.data)
 }

@@ -14,10 +14,10 @@ use image::imageops::thumbnail;
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use rayon::prelude::*;
 
-use super::pictures::photo_of;
 use sizeup_geo::files::is_virtual;
 use sizeup_geo::terrain::{MapBox, Terrain};
 use sizeup_results::output::BuildingRecord;
+use sizeup_results::output::picture::photo_of;
 use sizeup_results::report::Backdrop;
 use sizeup_survey::{View, ViewKind};
 

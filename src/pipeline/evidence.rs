@@ -4,13 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DVec2, DVec3, Vec2};
 use image::RgbImage;
-use image::imageops::{FilterType, crop_imm, resize};
 use rayon::prelude::*;
 
+use super::HeightStage;
 use super::heights::{for_priors, view_inputs};
 use super::kept::PriorStore;
 use super::stages::SceneStage;
-use super::{HeightStage, pictures};
 use crate::config::RunConfig;
 use sizeup_heights::optimise::{InspectedView, Inspection, Problem, Rays, SolvedHeight, inspect};
 use sizeup_heights::raster::Raster;
@@ -18,7 +17,7 @@ use sizeup_heights::render::PlacedCamera;
 use sizeup_heights::render::image::SceneTracer;
 use sizeup_heights::scene::Prism;
 use sizeup_photos::prior::{DepthPrior, PriorKind};
-use sizeup_results::output::picture::depth_picture;
+use sizeup_results::output::picture::{PhotoCrop, depth_picture, photo_of};
 use sizeup_results::report::{BuildingEvidence, ComparedPair, Crop, EdgeLine, LineKind, ReportConfig};
 use sizeup_survey::{Survey, View};
 
@@ -28,11 +27,6 @@ const MAX_COMPUTED_VIEWS: usize = 12;
 const PHOTOS_AT_A_TIME: usize = 4;
 /// Sectors of azimuth that a building's photos are chosen from.
 const N_SECTORS: usize = 4;
-/// Margin shown around a building, shares of its own size in the photo, and at least, pixels of the photo.
-const AROUND_SHARE: f64 = 0.45;
-const LEAST_AROUND_PX: f64 = 12.0;
-/// Width of a cut-out by its height.
-const ASPECT: f64 = 4.0 / 3.0;
 /// Depth pictures are this much smaller than photos: priors hold no more.
 const DEPTH_SHARE: f64 = 0.5;
 /// Other buildings further than this from the one shown are not drawn, metres.
@@ -160,13 +154,6 @@ struct SeenView<'a> {
     prior: Option<DepthPrior>,
 }
 
-/// A part of a photo, pixels of the camera.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct PhotoCrop {
-    corner: DVec2,
-    size: DVec2,
-}
-
 impl Studio<'_> {
     /// All pictures, by inspection; some photos at a time.
     fn shoot_all(&self, by_view: &BTreeMap<usize, Vec<usize>>, inspections: &[Inspection]) -> Vec<Vec<Crop>> {
@@ -189,7 +176,7 @@ impl Studio<'_> {
             view_idx,
             view,
             placed: PlacedCamera::new((*view.camera).clone(), view.camera_from_map, self.stage.scene.origin),
-            photo: view.image.as_ref().and_then(|_| pictures::photo_of(view).ok()),
+            photo: view.image.as_ref().and_then(|_| photo_of(view).ok()),
             prior: self.priors.load(view_idx).ok(),
         };
         shown.iter().filter_map(|&at| Some((at, self.crop(&seen, &inspections[at])?))).collect()
@@ -205,7 +192,7 @@ impl Studio<'_> {
         let prior = seen.prior.as_ref();
         Some(Crop {
             view: seen.view_idx,
-            photo: seen.photo.as_ref().map(|photo| cut_out(photo, seen.view, cut, size_px)),
+            photo: seen.photo.as_ref().map(|photo| cut.cut_out(photo, seen.view, size_px)),
             rendered: picture(&self.rendered(&seen.placed, cut, depth_px), PriorKind::Depth),
             prior: prior.map(|prior| picture(&cut_prior(prior, seen.view, cut, depth_px), prior.kind)),
             lines: self.lines(inspection.building, &seen.placed, cut),
@@ -219,15 +206,7 @@ impl Studio<'_> {
         let roof_z = prism.ground_z + self.solved[building].height_m? as f32;
         let corners = prism.edges().flat_map(|(a, _)| [a.extend(prism.base_z), a.extend(roof_z)]);
         let seen: Vec<DVec2> = corners.filter_map(|p| placed.project(p.as_dvec3())).collect();
-        let low = seen.iter().copied().reduce(DVec2::min)?;
-        let high = seen.iter().copied().reduce(DVec2::max)?;
-        let photo = DVec2::new(f64::from(placed.camera.width_px), f64::from(placed.camera.height_px));
-        let around = ((high - low) * AROUND_SHARE).max(DVec2::splat(LEAST_AROUND_PX));
-        let mut size = high - low + 2.0 * around;
-        size = DVec2::new(size.x.max(size.y * ASPECT), size.y.max(size.x / ASPECT)).min(photo);
-        let corner = (0.5 * (low + high) - 0.5 * size).clamp(DVec2::ZERO, photo - size).floor();
-        let is_inside = (low.cmplt(photo) & high.cmpgt(DVec2::ZERO)).all();
-        (is_inside && size.min_element() >= 1.0).then_some(PhotoCrop { corner, size: size.floor() })
+        PhotoCrop::around(&seen, DVec2::new(f64::from(placed.camera.width_px), f64::from(placed.camera.height_px)))
     }
 
     /// Size of its picture: never larger than the part of the photo.
@@ -271,7 +250,7 @@ impl Studio<'_> {
 fn line(placed: &PlacedCamera, cut: PhotoCrop, kind: LineKind, ends: [(Vec2, f32); 2]) -> Option<EdgeLine> {
     let place = |(at, z): (Vec2, f32)| {
         let pixel = placed.project(DVec3::new(at.x.into(), at.y.into(), z.into()))?;
-        Some(((pixel - cut.corner) / cut.size).as_vec2())
+        Some(cut.share_of(pixel).as_vec2())
     };
     let (a, b) = (place(ends[0])?, place(ends[1])?);
     let (low, high) = (a.min(b), a.max(b));
@@ -292,18 +271,9 @@ fn cut_prior(prior: &DepthPrior, view: &View, cut: PhotoCrop, size_px: [u32; 2])
     sampled(cut, size_px, |pixel| prior.value_at(&view.camera, pixel))
 }
 
-/// A part of the photo, which may be stored in another size than the camera's.
-fn cut_out(photo: &RgbImage, view: &View, cut: PhotoCrop, [width, height]: [u32; 2]) -> RgbImage {
-    let camera = DVec2::new(f64::from(view.camera.width_px), f64::from(view.camera.height_px));
-    let stored = DVec2::new(f64::from(photo.width()), f64::from(photo.height()));
-    let [x, y] = (cut.corner / camera * stored).to_array().map(|v| v as u32);
-    let [w, h] = (cut.size / camera * stored).max(DVec2::ONE).to_array().map(|v| v as u32);
-    resize(&crop_imm(photo, x, y, w, h).to_image(), width, height, FilterType::Triangle)
-}
-
 fn pairs(seen: &InspectedView, view: &View, cut: PhotoCrop) -> Vec<ComparedPair> {
     let camera = DVec2::new(f64::from(view.camera.width_px), f64::from(view.camera.height_px));
-    let place = |end: [f32; 2]| ((Vec2::from(end).as_dvec2() * camera - cut.corner) / cut.size).as_vec2();
+    let place = |end: [f32; 2]| cut.share_of(Vec2::from(end).as_dvec2() * camera).as_vec2();
     let is_inside = |p: Vec2| (p.cmpge(Vec2::ZERO) & p.cmple(Vec2::ONE)).all();
     let pair = |pair: &sizeup_heights::optimise::InspectedPair| {
         let ends = pair.ends.map(place);
@@ -321,15 +291,10 @@ mod tests {
     fn views_at_hand_are_all_looked_at_and_of_the_others_no_more_than_can_be_computed() {
         let solved = |b: usize| SolvedHeight {
             height_m: Some(9.0),
-            roof: None,
             sigma_m: Some(b as f64),
             views: (3 * b..3 * b + 3).collect(),
-            score: None,
-            raised_m: None,
-            form_certainty: None,
-            footprint_shift: None,
-            doubts: sizeup_heights::optimise::Doubts::default(),
             reasons: if b == 2 { vec![Reason::TooFewViews] } else { Vec::new() },
+            ..SolvedHeight::default()
         };
         let solved: Vec<SolvedHeight> = (0..30).map(solved).collect();
         let config = ReportConfig { evidence_buildings: 20, evidence_views: 2, ..ReportConfig::default() };

@@ -15,7 +15,7 @@ use sizeup_heights::render::PlacedCamera;
 use sizeup_heights::render::image::{DepthImage, SceneTracer};
 use sizeup_heights::seed;
 use sizeup_photos::prior::{DepthPrior, PriorSource as _};
-use sizeup_results::output::picture::{PicturedPair, beside, pairs_picture, write_png};
+use sizeup_results::output::picture::{PicturedPair, beside, pairs_picture, photo_of, write_png};
 use sizeup_survey::Survey;
 
 /// Width of each of the four pictures, pixels.
@@ -66,7 +66,7 @@ pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) ->
         &prior,
         &format!("{}, pass {pass} of {}", found.id.0, passes.len()),
     )?;
-    let photo: RgbImage = pictures::photo_of(found)?;
+    let photo: RgbImage = photo_of(found)?;
     write_png(path, &beside(&panel, &pairs_picture(&photo, &pairs, PICTURE_PX)))?;
     Ok(())
 }

@@ -10,8 +10,6 @@ use super::kept::PriorStore;
 use super::stages::SceneStage;
 use super::{HeightStage, PipelineError};
 use sizeup_footprints::Detection;
-use sizeup_geo::files::is_virtual;
-use sizeup_geo::geodata::raster::{RasterError, RasterFile};
 use sizeup_geo::template::bare_stem;
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::optimise::EpochRecord;
@@ -19,11 +17,12 @@ use sizeup_heights::raster::Raster;
 use sizeup_heights::render::PlacedCamera;
 use sizeup_heights::render::image::SceneTracer;
 use sizeup_photos::prior::DepthPrior;
+use sizeup_results::output::CityModel;
 use sizeup_results::output::picture::colour::Rgb;
 use sizeup_results::output::picture::{
-    self, AxesKind, Chart, MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline, SERIES_COLOURS, Series, Stroke,
+    self, AxesKind, Chart, MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline, SERIES_COLOURS, Series,
+    Stroke, photo_of,
 };
-use sizeup_results::output::{CityModel, MalformedFile, OutputError};
 use sizeup_survey::{Survey, View, ViewKind};
 
 /// Photos with the proxies drawn over them.
@@ -32,8 +31,6 @@ const N_OVERLAYS: usize = 3;
 const MOST_FOOTPRINT_OVERLAYS: usize = 40;
 /// Longer side of the rendered depth beside the prior, pixels.
 const PANEL_PX: u32 = 640;
-/// Grey of a photo that is not there.
-const NO_PHOTO: [u8; 3] = [120, 120, 120];
 
 /// Draws everything into `pictures/` beside the results.
 pub(super) fn write(
@@ -170,33 +167,6 @@ fn telling_views(survey: &Survey, heights: &HeightStage) -> Vec<usize> {
     let mut views: Vec<usize> = (0..says.len()).filter(|&v| says[v] > 0).collect();
     views.sort_by_key(|&v| (std::cmp::Reverse(says[v]), v));
     views
-}
-
-pub(super) fn photo_of(view: &View) -> Result<RgbImage, PipelineError> {
-    let Some(path) = &view.image else {
-        let camera = view.camera.reduced_to(PANEL_PX);
-        return Ok(RgbImage::from_pixel(camera.width_px, camera.height_px, image::Rgb(NO_PHOTO)));
-    };
-    if is_virtual(path) {
-        let unreadable = |e: RasterError| MalformedFile { path: path.clone(), reason: e.to_string() };
-        return Ok(through_gdal(path).map_err(|e| OutputError::from(unreadable(e)))?);
-    }
-    // The EXIF orientation stays unapplied: poses are of the image as it is stored.
-    let malformed = |e: image::ImageError| MalformedFile { path: path.clone(), reason: e.to_string() };
-    Ok(image::open(path).map_err(|e| OutputError::from(malformed(e)))?.into_rgb8())
-}
-
-/// A photo in an archive or on a server; grey ones three times the same.
-fn through_gdal(path: &std::path::Path) -> Result<RgbImage, RasterError> {
-    let file = RasterFile::open(path)?;
-    let mut photo = RgbImage::new(file.size().0 as u32, file.size().1 as u32);
-    for band in 0..3 {
-        let values = file.read(if file.n_bands() >= 3 { band + 1 } else { 1 })?;
-        for (pixel, value) in photo.pixels_mut().zip(values.data()) {
-            pixel.0[band] = value.round().clamp(0.0, 255.0) as u8; // NaN becomes 0
-        }
-    }
-    Ok(photo)
 }
 
 fn panel(view: &View, stage: &SceneStage, heights_m: &[f32], prior: &DepthPrior) -> Result<RgbImage, PipelineError> {

@@ -87,7 +87,7 @@ fn run_marked(
         let ground = config.terrain.constant_m.map(Terrain::Constant);
         let survey = soundness::look_over(config, reading.insert(soundness::read(config)?), ground.as_ref())?;
         let survey = poses::fitted(config, poses::looked_at(config, survey, tell), tell)?;
-        artefact::write(config, Stage::Survey, &survey, &survey)?;
+        artefact::write_survey(config, &survey)?;
         timed(Stage::Survey, start);
         survey
     } else {
@@ -107,7 +107,7 @@ fn run_marked(
             let reading = reading.take().map_or_else(|| soundness::read(config), Ok)?;
             survey = poses::as_before(soundness::look_over(config, &reading, Some(&terrain))?, survey);
             // What the ground told of the poses, and was accepted, is for the later stages too.
-            artefact::write(config, Stage::Survey, &survey, &survey)?;
+            artefact::write_survey(config, &survey)?;
         }
         artefact::write(config, Stage::Footprints, &survey, &footprints)?;
         timed(Stage::Footprints, start);
@@ -452,6 +452,6 @@ fn write_results(config: &RunConfig, model: &CityModel<'_>, summary: &RunSummary
     write_issues(&folder.join("issues.json"), model.issues)?;
     write_json(&folder.join("lineage.json"), &model.lineage)?;
     summary.write(folder)?;
-    write_whole(&folder.join("config.toml"), |out| out.write_all(config.saved().to_toml().as_bytes()))?;
+    write_whole(&folder.join(RunConfig::SAVED_NAME), |out| out.write_all(config.saved().to_toml().as_bytes()))?;
     Ok(())
 }

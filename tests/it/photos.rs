@@ -120,6 +120,44 @@ fn a_photo_that_cannot_be_read_is_told_of_and_left_out() {
     assert!(n_spoilt >= 3 && n_spoilt == told.len(), "{told:?}");
 }
 
+/// The run is given by a path from one folder, its result is looked at from another.
+#[test]
+fn a_result_finds_its_photos_from_any_folder_and_pictures_in_them_what_is_farthest_off() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene");
+    assert!(Command::new("cp").arg("-r").arg(TOWN.path()).arg(&scene).status().unwrap().success());
+    let sizeup_in = |from: &Path, args: &[&str]| -> Outcome {
+        let outcome: Outcome = sizeup().current_dir(from).args(args).output().unwrap().into();
+        assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
+        outcome
+    };
+    let fast = ["--set", "refinement.enabled=false", "--set", "output.report.page=false"];
+    sizeup_in(folder.path(), &[&["run", "scene/sizeup.toml"][..], &fast].concat());
+    let elsewhere = tempfile::tempdir().unwrap();
+    let result = scene.join("result");
+    let [city, config, truth] =
+        [result.join("city.city.json"), result.join("config.toml"), scene.join("truth.geojson")]
+            .map(|path| path.display().to_string());
+    sizeup_in(elsewhere.path(), &["look", &config, "oblique", "--output", "panel.png"]);
+    let evaluate = |pictures: &str| {
+        sizeup_in(elsewhere.path(), &["evaluate", &city, &truth, "--heights-only", "--pictures", pictures])
+    };
+    let quiet = evaluate("looks");
+    assert_eq!(quiet.stderr, "");
+    let sheet = image::open(elsewhere.path().join("looks/farthest.png")).unwrap().into_rgb8();
+    let n_of = |colour: [u8; 3]| sheet.pixels().filter(|pixel| pixel.0 == colour).count();
+    let [roofs, references] = [[253, 231, 37], [255, 70, 220]].map(n_of);
+    assert!(roofs > 1000 && references > 1000, "{roofs} pixels of roofs, {references} of the reference's");
+    let n_white = n_of([255; 3]);
+    assert!(n_white < (sheet.width() * sheet.height() / 2) as usize, "photos fill the sheet: {n_white} white pixels");
+
+    fs::rename(scene.join("images"), scene.join("gone")).unwrap();
+    let told = evaluate("without");
+    assert!(told.stderr.contains("no building is pictured in its photos"), "{}", told.stderr);
+    let without = elsewhere.path().join("without");
+    assert!(without.join("errors.png").is_file() && !without.join("farthest.png").exists());
+}
+
 #[test]
 fn settings_that_cannot_be_are_refused_by_name() {
     let mut command = sizeup();

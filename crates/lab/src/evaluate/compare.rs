@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::bodies::bodies;
 use super::cloud_file::read_cloud;
 use super::clouds::{CloudTruthOptions, truth_of_instances, truth_under_footprints};
+use super::farthest;
 use super::footprints::{FootprintEvaluation, evaluate_footprints};
 use super::heights::{HeightOptions, evaluate_heights};
 use super::levels::LevelError;
@@ -20,9 +21,10 @@ use sizeup_geo::cloud::{self, Cloud, CloudError};
 use sizeup_geo::crs::{Crs, CrsError, VerticalReference};
 use sizeup_results::output::read::ReadError;
 use sizeup_results::output::{BuildingRecord, OutputError};
+use sizeup_survey::View;
 
 /// Two files and how to read them.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct ComparedFiles {
     /// Path of the result.
     pub result: PathBuf,
@@ -43,6 +45,8 @@ pub struct ComparedFiles {
     pub with_shapes: bool,
     /// Folder for pictures; none by default.
     pub pictures: Option<PathBuf>,
+    /// Photos of the result's run, in the CRS to compare in: the buildings that are farthest off are pictured in them.
+    pub views: Vec<View>,
     /// Seed of the surface samples.
     pub seed: u64,
 }
@@ -120,7 +124,11 @@ pub fn compare_files(c: &ComparedFiles) -> Result<EvaluationReport, CompareError
         Some(results) if !is_obj(&c.truth) => {
             let truth = truth_of(c, results, &reference, &crs, &mut report)?;
             if report.left_out.is_empty() {
-                report.heights = Some(evaluate_heights(results, &truth, &c.heights)?);
+                let heights = report.heights.insert(evaluate_heights(results, &truth, &c.heights)?);
+                if let Some(folder) = &c.pictures {
+                    write_pictures(folder, heights, results)?;
+                    farthest::write(folder, heights, results, &truth, &c.views)?;
+                }
             }
             match &reference {
                 Reference::Cloud(cloud, _) if cloud.instances.is_empty() => report.left_out.push(
@@ -137,9 +145,6 @@ pub fn compare_files(c: &ComparedFiles) -> Result<EvaluationReport, CompareError
         _ => report
             .left_out
             .push("heights and footprints: an OBJ file has bodies only, no footprints and no ground".to_owned()),
-    }
-    if let (Some(folder), Some(heights), Some(results)) = (&c.pictures, &report.heights, &results) {
-        write_pictures(folder, heights, results)?;
     }
     if c.with_shapes
         && let Err(why) = bodies(c, &reference, stated.as_ref(), &crs, results.as_deref(), &mut report)

@@ -19,6 +19,7 @@ mod cloud_file;
 mod clouds;
 mod columns;
 mod compare;
+mod farthest;
 pub mod footprints;
 mod heights;
 mod levels;

@@ -1,5 +1,5 @@
 //! Pictures of a result as PNG: a map of the heights, one of the survey, a depth panel of one view, prism edges over a photo,
-//! charts, and a map of errors.
+//! charts, a map of errors, and contact sheets of buildings.
 //!
 //! Colours come from maps that are even in lightness and readable by colour-blind people ([`colour`]).
 
@@ -12,9 +12,11 @@ mod map;
 mod overlay;
 mod pairs;
 mod panel;
+mod photo;
 mod plan;
 mod relief;
 mod scale;
+mod sheet;
 mod survey;
 mod warning;
 
@@ -33,7 +35,9 @@ pub use map::{MapConfig, map};
 pub use overlay::{OverlayConfig, Polyline, overlay};
 pub use pairs::{PicturedPair, beside, pairs_picture};
 pub use panel::{PanelConfig, PanelDepths, depth_panel, depth_picture};
+pub use photo::{PhotoCrop, photo_of};
 pub use relief::relief_map;
+pub use sheet::{SHEET_PHOTO_PX, SHEET_PHOTOS, SheetBuilding, SheetPhoto, contact_sheet};
 pub use survey::survey_map;
 pub use warning::warned;
 
