@@ -137,7 +137,7 @@ pub(super) fn refine(
         let (bounds, reference) = (stage.scene.bounds, config.optimise.height_reference);
         if let Some((roof, sigma_m)) = believed(solved, &found, around_m, settings) {
             solved.refine(roof, bounds, reference, sigma_m);
-        } else if let Some((roof, sigma_m)) = weighed(solved, &found, around_m) {
+        } else if let Some((roof, sigma_m)) = weighed(solved, &found, around_m, settings) {
             solved.lean(roof, bounds, reference, sigma_m);
         }
     }
@@ -175,10 +175,16 @@ fn believed(
 
 /// The roof of the priors, moved towards where photos look alike most that are not clear enough to be believed, and the standard
 /// deviation to state, metres.
-fn weighed(solved: &SolvedHeight, found: &FoundRoof, around_m: f64) -> Option<(Roof, f64)> {
+fn weighed(
+    solved: &SolvedHeight,
+    found: &FoundRoof,
+    around_m: f64,
+    settings: &RefinementConfig,
+) -> Option<(Roof, f64)> {
     let (before, of_priors_m) = solved.roof.zip(solved.sigma_m)?;
     let share = found.agreement.known * found.agreement.same;
-    if share <= 0.0 {
+    // Of priors that know so little, the photos were asked for a small part of what may be.
+    if share <= 0.0 || of_priors_m >= settings.within_m {
         return None;
     }
     let of_photos_m = (UNCLEAR_M / share.sqrt()).hypot(SPREAD_SHARE * around_m);
@@ -219,7 +225,7 @@ struct FoundRoof {
     refined: Refined,
     /// Standard deviation of the height over roofs of other pitches and forms on which the photos look nearly as much alike, metres.
     form_m: f64,
-    /// What the photos say place by place.
+    /// Agreement of the photos with it, place by place.
     agreement: PhotoAgreement,
     /// Whether they look alike on all of it, and not on its best part alone.
     is_one_surface: bool,
@@ -313,7 +319,8 @@ impl Roofs<'_> {
         favourite
     }
 
-    /// What the photos say of a refined roof place by place, and whether they look alike on all of it, and not on its best part alone.
+    /// Agreement of the photos with a refined roof, place by place, and whether they look alike on all of it, and not on its best part
+    /// alone.
     fn is_one_surface(
         &self,
         pictures: &[&Picture],
@@ -408,7 +415,8 @@ mod tests {
 
     #[test]
     fn photos_that_are_not_clear_are_weighed_against_the_priors() {
-        let weigh = |sigma_m: f64, found: &FoundRoof, around_m: f64| weighed(&solved(10.0, sigma_m), found, around_m);
+        let settings = RefinementConfig::default();
+        let weigh = |sigma_m, found: &FoundRoof, around_m| weighed(&solved(10.0, sigma_m), found, around_m, &settings);
         let share = 0.64;
         let of_photos_m = UNCLEAR_M / 0.8;
         // Both as certain: half way, and the two part by more than both allow.
@@ -427,6 +435,7 @@ mod tests {
             "photos move the roofs around, left out one by one"
         );
         assert!(weigh(0.4, &unclear(1.0, 0.0), 0.0).is_none(), "no place of the roof is found there");
+        assert!(weigh(4.6, &unclear(1.0, share), 0.0).is_none(), "the photos were asked within 3 m");
     }
 
     #[test]

@@ -32,6 +32,8 @@ const OVER_ROUNDED: Margin = Margin { gain: 0.0005, standard_errors: 0.5, n_more
 const HIP_STANDARD_ERRORS: f64 = 2.0;
 /// Fewer views cannot tell a form.
 const MIN_VIEWS: usize = 4;
+/// Share of a footprint's width that places on its roof keep from the walls, at most.
+const CLEAR_SHARE: f32 = 0.2;
 
 /// A roof as the evidence has it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -155,12 +157,13 @@ impl Roof {
 }
 
 /// Roofs of all forms and several pitches over a prism, and stepped as `found` if it is, all with its area mean, each with
-/// places on it (local frame, metres): some `n` on a lattice, at least `clear_m` from the walls. The flat one comes first; none
-/// where the footprint is too narrow.
+/// places on it (local frame, metres): some `n` on a lattice, at least `clear_m` from the walls, or a fifth of a narrow footprint's width.
+/// The flat one comes first.
 #[must_use]
 pub fn candidates(prism: &Prism, found: &Roof, clear_m: f32, n: usize) -> Vec<(Roof, Vec<Vec3>)> {
     let (axes, low, high) = smallest_rectangle(prism);
     let size = high - low;
+    let clear_m = clear_m.min(CLEAR_SHARE * size.min_element());
     let spacing_m = (size.x * size.y / n as f32).sqrt();
     let (n_x, n_y) = ((size.x / spacing_m).ceil() as usize, (size.y / spacing_m).ceil() as usize);
     let lattice = (0..n_y).flat_map(|row| (0..n_x).map(move |col| Vec2::new(col as f32 + 0.5, row as f32 + 0.5)));
@@ -436,6 +439,16 @@ mod tests {
     use super::*;
     use crate::frames::LocalOrigin;
     use crate::terrain::GroundLevel;
+
+    #[test]
+    fn a_shed_has_places_clear_of_its_walls_too() {
+        let shed = polygon![(x: 0.0, y: 0.0), (x: 3.5, y: 0.0), (x: 3.5, y: 1.6), (x: 0.0, y: 1.6)];
+        let prism = Prism::new(&shed, GroundLevel { reference_m: 0.0, lowest_m: 0.0 }, LocalOrigin(glam::DVec3::ZERO));
+        let all = candidates(&prism, &Roof::flat(2.5), 0.7, 300);
+        let (_, places) = all.first().expect("the flat roof");
+        let clear_m = places.iter().map(|p| p.x.min(3.5 - p.x).min(p.y).min(1.6 - p.y)).fold(f32::INFINITY, f32::min);
+        assert!(places.len() >= 100 && clear_m >= 0.3, "{} places, {clear_m} m", places.len());
+    }
 
     #[test]
     fn a_stepped_roof_is_looked_at_on_both_of_its_levels() {
