@@ -311,6 +311,12 @@ impl RunConfig {
         self.own_paths.saved(path, &self.project.output)
     }
 
+    /// The path of the input that was written so into the results.
+    #[must_use]
+    pub fn found_path(&self, saved: &Path) -> PathBuf {
+        self.own_paths.found(saved, &self.project.output)
+    }
+
     /// As TOML.
     ///
     /// # Panics

@@ -173,7 +173,7 @@ pub(super) fn write_survey(config: &RunConfig, survey: &Survey) -> Result<(), Pi
 pub(super) fn read_survey(config: &RunConfig) -> Result<Survey, PipelineError> {
     let mut read: Read<Survey> = read_any(config, Stage::Survey)?;
     for path in read.data.views.iter_mut().filter_map(|view| view.image.as_mut()) {
-        *path = config.project.output.join(&*path);
+        *path = config.found_path(path);
     }
     check(config, Stage::Survey, &read, &read.data)?;
     Ok(read.data)

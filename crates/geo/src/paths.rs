@@ -89,6 +89,16 @@ impl OwnPaths {
         let moves_along = result.starts_with(around);
         if is_own && moves_along { relative(&full, &result) } else { full }
     }
+
+    /// The path whose form beside results in the folder `result` this is: the other way round.
+    #[must_use]
+    pub fn found(&self, saved: &Path, result: &Path) -> PathBuf {
+        let of_own = |own: &PathBuf| {
+            let rest = saved.strip_prefix(self.saved(own, result)).ok()?;
+            Some(if rest.as_os_str().is_empty() { own.clone() } else { own.join(rest) })
+        };
+        self.own.iter().find_map(of_own).unwrap_or_else(|| result.join(saved))
+    }
 }
 
 /// Name of a path in a file in `folder`: relative where both lie in one place, else from the root.
@@ -134,7 +144,12 @@ mod tests {
     fn saved(folder: &str, path: &str, result: &str) -> String {
         let (mut own, mut path) = (OwnPaths::new(Path::new(folder)), PathBuf::from(path));
         own.resolve(&mut path);
-        own.saved(&path, Path::new(result)).display().to_string()
+        let saved = own.saved(&path, Path::new(result));
+        // A file below it, too, is found again by the very path that it had.
+        for file in [path.clone(), path.join("a.jpg")] {
+            assert_eq!(own.found(&own.saved(&file, Path::new(result)), Path::new(result)), file);
+        }
+        saved.display().to_string()
     }
 
     #[test]

@@ -127,7 +127,7 @@ pub fn compare_files(c: &ComparedFiles) -> Result<EvaluationReport, CompareError
                 let heights = report.heights.insert(evaluate_heights(results, &truth, &c.heights)?);
                 if let Some(folder) = &c.pictures {
                     write_pictures(folder, heights, results)?;
-                    farthest::write(folder, heights, results, &truth, &c.views)?;
+                    report.left_out.extend(farthest::write(folder, heights, results, &truth, &c.views)?);
                 }
             }
             match &reference {

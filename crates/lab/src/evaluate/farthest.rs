@@ -1,7 +1,7 @@
 //! The buildings that are farthest off, over the photos that they were measured in: most causes can be seen there.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use geo_types::{LineString, MultiPolygon, Polygon};
 use glam::{DVec2, DVec3};
@@ -34,48 +34,47 @@ const WALL: Rgb = [64, 190, 200];
 const REFERENCE: Rgb = [255, 70, 220];
 
 /// Writes `farthest.png`: the buildings with the largest errors, each in up to three photos it was measured in, as the result and
-/// the reference (a block as high as its height) have it. Nothing is written where no photo shows any of them.
+/// the reference (a block as high as its height) have it. Nothing is written where no photo shows any of them. Returns why photos
+/// are not there that cannot be read.
 ///
 /// # Errors
-/// [`OutputError`]: a photo that cannot be read, a picture that cannot be written.
+/// [`OutputError`]: a picture that cannot be written.
 pub(super) fn write(
     folder: &Path,
     evaluation: &HeightEvaluation,
     results: &[BuildingRecord],
     truth: &[TruthBuilding],
     views: &[View],
-) -> Result<Option<PathBuf>, OutputError> {
+) -> Result<Option<String>, OutputError> {
     let view_of: HashMap<&str, &View> =
         views.iter().filter(|view| view.image.is_some()).map(|view| (view.id.0.as_str(), view)).collect();
     let truth_of: HashMap<&str, &TruthBuilding> = truth.iter().map(|t| (t.id.as_str(), t)).collect();
     let shown = farthest(&evaluation.buildings);
-    let buildings: Result<Vec<SheetBuilding>, OutputError> = shown
-        .par_iter()
-        .enumerate()
-        .map(|(rank, error)| {
-            let parts: Vec<&BuildingRecord> = parts_of(results, &error.result_id).collect();
-            let edges = Edges::of(&parts, truth_of.get(error.truth_id.as_str()).copied(), error.truth_m);
-            let named: Vec<&View> =
-                parts.iter().flat_map(|part| &part.views).filter_map(|v| view_of.get(&**v).copied()).collect();
-            let photos = choose(&named, &edges).into_iter().map(|(view, crop)| {
-                let picture = crop.cut_out(&photo_of(view)?, view, SHEET_PHOTO_PX);
-                Ok(SheetPhoto { picture, lines: edges.lines(view, crop), name: view.id.0.clone() })
-            });
-            Ok(SheetBuilding {
-                caption: caption(rank, error, &parts),
-                photos: photos.collect::<Result<_, OutputError>>()?,
-            })
-        })
-        .collect();
-    let buildings = buildings?;
+    let pictured = |(rank, error): (usize, &&BuildingError)| {
+        let parts: Vec<&BuildingRecord> = parts_of(results, &error.result_id).collect();
+        let edges = Edges::of(&parts, truth_of.get(error.truth_id.as_str()).copied(), error.truth_m);
+        let named: Vec<&View> =
+            parts.iter().flat_map(|part| &part.views).filter_map(|v| view_of.get(&**v).copied()).collect();
+        let photos = choose(&named, &edges).into_iter().map(|(view, crop)| {
+            let picture = crop.cut_out(&photo_of(view)?, view, SHEET_PHOTO_PX);
+            Ok(SheetPhoto { picture, lines: edges.lines(view, crop), name: view.id.0.clone() })
+        });
+        let (read, unread): (Vec<_>, Vec<_>) = photos.partition(Result::is_ok);
+        let photos = read.into_iter().flatten().collect();
+        (SheetBuilding { caption: caption(rank, error, &parts), photos }, unread)
+    };
+    let (buildings, unread): (Vec<SheetBuilding>, Vec<Vec<Result<SheetPhoto, OutputError>>>) =
+        shown.par_iter().enumerate().map(pictured).unzip();
+    let mut unread = unread.into_iter().flatten().filter_map(Result::err);
+    let why = unread.next().map(|why| format!("{} photos of farthest.png: {why}", 1 + unread.count()));
     if buildings.iter().all(|building| building.photos.is_empty()) {
-        return Ok(None);
+        return Ok(why);
     }
     let title = format!("Farthest from the reference: {} of {}", buildings.len(), evaluation.buildings.len());
     let key = [("roof", ROOF), ("wall, ground", WALL), ("the reference's roof", REFERENCE)];
     let path = folder.join("farthest.png");
     write_png(&path, &contact_sheet(&title, &key, &buildings))?;
-    Ok(Some(path))
+    Ok(why)
 }
 
 /// The largest errors, the largest first; ties in the reference's order.
