@@ -16,6 +16,7 @@ use sizeup_heights::raster::Raster;
 use sizeup_heights::render::PlacedCamera;
 use sizeup_heights::render::image::SceneTracer;
 use sizeup_heights::scene::Prism;
+use sizeup_heights::views::from_all_sides;
 use sizeup_photos::prior::{DepthPrior, PriorKind};
 use sizeup_results::output::picture::{PhotoCrop, depth_picture, photo_of};
 use sizeup_results::report::{BuildingEvidence, ComparedPair, Crop, EdgeLine, LineKind, ReportConfig};
@@ -25,8 +26,6 @@ use sizeup_survey::{Survey, View};
 const MAX_COMPUTED_VIEWS: usize = 12;
 /// Photos that are in memory at a time.
 const PHOTOS_AT_A_TIME: usize = 4;
-/// Sectors of azimuth that a building's photos are chosen from.
-const N_SECTORS: usize = 4;
 /// Depth pictures are this much smaller than photos: priors hold no more.
 const DEPTH_SHARE: f64 = 0.5;
 /// Other buildings further than this from the one shown are not drawn, metres.
@@ -118,17 +117,8 @@ fn crops_by_view(inspections: &[Inspection], problem: &Problem<'_>, n_views: usi
         let centre = prism.centre_at(prism.ground_z).as_dvec3();
         let mut seeing: Vec<&InspectedView> = inspection.views.iter().filter(|v| v.n_rays > 0).collect();
         seeing.sort_by_key(|v| (std::cmp::Reverse(v.n_rays), v.view));
-        let mut taken = [0_usize; N_SECTORS];
-        let mut ranked: Vec<(usize, usize)> = Vec::new();
-        for (rank, seen) in seeing.iter().enumerate() {
-            let from = problem.views[seen.view].placed.eye() - centre;
-            let turn = from.y.atan2(from.x) / std::f64::consts::TAU + 0.5;
-            let sector = ((turn * N_SECTORS as f64) as usize).min(N_SECTORS - 1);
-            ranked.push((taken[sector], rank));
-            taken[sector] += 1;
-        }
-        ranked.sort_unstable();
-        for (_, rank) in ranked.into_iter().take(n_views) {
+        let from = seeing.iter().map(|seen| (problem.views[seen.view].placed.eye() - centre).truncate());
+        for rank in from_all_sides(from, n_views) {
             by_view.entry(seeing[rank].view).or_default().push(at);
         }
     }

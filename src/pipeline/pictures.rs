@@ -18,7 +18,7 @@ use sizeup_heights::render::PlacedCamera;
 use sizeup_heights::render::image::SceneTracer;
 use sizeup_photos::prior::DepthPrior;
 use sizeup_results::output::CityModel;
-use sizeup_results::output::picture::colour::Rgb;
+use sizeup_results::output::picture::colour::{ROOF, Rgb, WALL};
 use sizeup_results::output::picture::{
     self, AxesKind, Chart, MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline, SERIES_COLOURS, Series,
     Stroke, photo_of,
@@ -153,10 +153,6 @@ fn history(passes: &[EpochRecord]) -> [Chart; 2] {
         chart("Heights of all buildings", "height, m", trajectories, AxesKind::FromZero),
     ]
 }
-
-/// Colour of roof edges and of the others.
-const ROOF: Rgb = [253, 231, 37];
-const WALL: Rgb = [64, 190, 200];
 
 /// The views that had a say in most buildings first; ties by position.
 fn telling_views(survey: &Survey, heights: &HeightStage) -> Vec<usize> {

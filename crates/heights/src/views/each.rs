@@ -82,6 +82,25 @@ pub fn in_turn<K: Ord>(views: impl Iterator<Item = (usize, DVec2, K)>, n: usize)
     best
 }
 
+/// Quarters of azimuth that views to look at are taken from.
+const N_SIDES: usize = 4;
+
+/// At most `n` of some views that are given best first, as positions: the best of each quarter of azimuth before the second best of
+/// any. A view is its horizontal way from what it shows.
+#[must_use]
+pub fn from_all_sides(views: impl Iterator<Item = DVec2>, n: usize) -> Vec<usize> {
+    let mut taken = [0_usize; N_SIDES];
+    let mut ranked: Vec<(usize, usize)> = Vec::new();
+    for (rank, from) in views.enumerate() {
+        let turn = from.y.atan2(from.x) / std::f64::consts::TAU + 0.5;
+        let side = ((turn * N_SIDES as f64) as usize).min(N_SIDES - 1);
+        ranked.push((taken[side], rank));
+        taken[side] += 1;
+    }
+    ranked.sort_unstable();
+    ranked.into_iter().take(n).map(|(_, rank)| rank).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

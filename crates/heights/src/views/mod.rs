@@ -13,7 +13,7 @@ mod each;
 mod select;
 mod visibility;
 
-pub use each::{CandidateView, in_turn, select_each};
+pub use each::{CandidateView, from_all_sides, in_turn, select_each};
 pub use select::{Selection, drawn, select};
 pub(crate) use visibility::corners_inside;
 pub use visibility::{ViewSight, Visibility, visibility};

@@ -9,8 +9,9 @@ use rayon::prelude::*;
 
 use super::TruthBuilding;
 use super::heights::{BuildingError, HeightEvaluation};
+use sizeup_heights::views::from_all_sides;
 use sizeup_results::output::grid::OutputGrid;
-use sizeup_results::output::picture::colour::Rgb;
+use sizeup_results::output::picture::colour::{ROOF, Rgb, WALL};
 use sizeup_results::output::picture::{
     PhotoCrop, Polyline, SHEET_PHOTO_PX, SHEET_PHOTOS, SheetBuilding, SheetPhoto, contact_sheet, photo_of, write_png,
 };
@@ -21,16 +22,12 @@ use sizeup_survey::View;
 
 /// Buildings on the sheet.
 const N_BUILDINGS: usize = 20;
-/// Sectors of azimuth that a building's photos are chosen from.
-const N_SECTORS: usize = 4;
 /// Reasons of a doubt that fit into a caption.
 const MOST_REASONS: usize = 3;
 /// Step of the grid that solids are made on, metres, and least thickness of one.
 const GRID_M: f64 = 0.001;
 const LEAST_THICKNESS_M: f64 = 0.01;
 
-const ROOF: Rgb = [253, 231, 37];
-const WALL: Rgb = [64, 190, 200];
 const REFERENCE: Rgb = [255, 70, 220];
 
 /// Writes `farthest.png`: the buildings with the largest errors, each in up to three photos it was measured in, as the result and
@@ -190,17 +187,8 @@ fn choose<'a>(views: &[&'a View], edges: &Edges) -> Vec<(&'a View, PhotoCrop)> {
         seen.push((area * (area / whole.max(1.0)).powi(2), view, crop));
     }
     seen.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| a.1.id.0.cmp(&b.1.id.0)));
-    let mut taken = [0_usize; N_SECTORS];
-    let mut ranked: Vec<(usize, usize)> = Vec::new();
-    for (rank, (_, view, _)) in seen.iter().enumerate() {
-        let from = view.centre() - middle;
-        let turn = from.y.atan2(from.x) / std::f64::consts::TAU + 0.5;
-        let sector = ((turn * N_SECTORS as f64) as usize).min(N_SECTORS - 1);
-        ranked.push((taken[sector], rank));
-        taken[sector] += 1;
-    }
-    ranked.sort_unstable();
-    ranked.into_iter().take(SHEET_PHOTOS).map(|(_, rank)| (seen[rank].1, seen[rank].2)).collect()
+    let from = seen.iter().map(|(_, view, _)| (view.centre() - middle).truncate());
+    from_all_sides(from, SHEET_PHOTOS).into_iter().map(|rank| (seen[rank].1, seen[rank].2)).collect()
 }
 
 #[cfg(test)]

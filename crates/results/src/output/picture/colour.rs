@@ -20,6 +20,11 @@ pub const NO_VALUE: Rgb = [214, 214, 218];
 /// Colour of what deserves a second look (readable beside viridis for all kinds of colour vision).
 pub const ALERT: Rgb = [213, 94, 0];
 
+/// Colour of roof edges over a photo.
+pub const ROOF: Rgb = [253, 231, 37];
+/// Colour of a building's other edges.
+pub const WALL: Rgb = [64, 190, 200];
+
 const VIRIDIS: [Rgb; 11] = [
     [68, 1, 84],
     [72, 36, 117],
