@@ -7,11 +7,10 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::folder::Inventory;
-use super::poses::Names;
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::stats::{median, quantile};
 use sizeup_survey::ground::centre_on_ground;
-use sizeup_survey::{PhotoFacts, Spread, Survey, View, ViewKind};
+use sizeup_survey::{PhotoFacts, PhotoIndex, Spread, Survey, View, ViewKind};
 
 /// Fewer photos are no flight: a height needs three that see the building.
 pub(super) const MIN_PHOTOS: usize = 3;
@@ -141,7 +140,7 @@ fn overlap(views: &[View], ground: &Terrain) -> (Option<f64>, Option<f64>) {
 pub(super) fn folder_of_photos(inventory: &Inventory, names: &[String]) -> Option<PathBuf> {
     let counted = inventory.folders.iter().filter_map(|folder| {
         let below = || inventory.photos.iter().map(PathBuf::as_path).filter(|photo| photo.starts_with(folder));
-        let n_known = Names::of(below()).count(names);
+        let n_known = PhotoIndex::new(below(), folder).count(names);
         let depth = folder.components().count();
         (n_known > 0).then(|| ((n_known, Reverse(below().count()), depth), folder))
     });

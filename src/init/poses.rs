@@ -2,7 +2,6 @@
 //! before what the drone wrote into its photos.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BTreeSet};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
@@ -13,7 +12,7 @@ use sizeup_geo::crs::Crs;
 use sizeup_geo::files::read_text;
 use sizeup_geo::paths::resolved;
 use sizeup_survey::{
-    FirstLook, Format, PhotoFacts, PoseWorld, SurveyConfig, SurveyError, WorldGuess, first_look, recognise,
+    FirstLook, Format, PhotoFacts, PhotoIndex, PoseWorld, SurveyConfig, SurveyError, WorldGuess, first_look, recognise,
 };
 
 /// Formats of adjusted poses, the surest to read first: those that name their CRS before those that do not. One that stands
@@ -105,13 +104,13 @@ fn preference(format: Format) -> usize {
 
 /// Reads what may be poses and chooses.
 pub(super) fn choose(inventory: &Inventory, facts: &[PhotoFacts], offset: Option<[f64; 3]>) -> PoseChoice {
-    let names = Names::of(inventory.photos.iter().map(PathBuf::as_path));
+    let photos = PhotoIndex::new(inventory.photos.iter().map(PathBuf::as_path), &inventory.root);
     let mut passed = Vec::new();
     let mut sources = Vec::new();
     for (path, format) in candidates(inventory, facts) {
         match read(&path, format, offset) {
             Ok(source) if source.look.names.is_empty() => passed.push(pass(&path, format, nothing_in(&source.look))),
-            Ok(source) => sources.push(PoseSource { n_matched: names.count(&source.look.names), ..source }),
+            Ok(source) => sources.push(PoseSource { n_matched: photos.count(&source.look.names), ..source }),
             // Tables of all kinds lie in folders.
             Err(_) if format == Format::Csv => {}
             Err(error) => passed.push(pass(&path, format, one_line(&error))),
@@ -249,34 +248,4 @@ fn georeference(path: &Path) -> Option<(String, Option<Crs>, [f64; 3])> {
         let crs = found.crs.and_then(|text| Crs::parse(text.split_whitespace().next()?).ok());
         Some((GEOREFERENCE.to_owned(), crs, found.offset))
     })
-}
-
-/// Photos by name, to hold those of poses against.
-pub(super) struct Names<'a> {
-    by_name: BTreeMap<String, Vec<&'a Path>>,
-    stems: BTreeSet<String>,
-}
-
-impl<'a> Names<'a> {
-    pub(super) fn of(photos: impl Iterator<Item = &'a Path>) -> Self {
-        let mut names = Self { by_name: BTreeMap::new(), stems: BTreeSet::new() };
-        for photo in photos {
-            names.by_name.entry(name_of(photo)).or_default().push(photo);
-            names.stems.extend(photo.file_stem().map(|stem| stem.to_string_lossy().into_owned()));
-        }
-        names
-    }
-
-    /// How many of these are here: by their path where they have one, by their name, or without the extension that some lack.
-    pub(super) fn count(&self, poses: &[String]) -> usize {
-        poses.iter().filter(|name| self.has(Path::new(name))).count()
-    }
-
-    fn has(&self, pose: &Path) -> bool {
-        match self.by_name.get(&name_of(pose)) {
-            // Cards number their photos anew in each folder.
-            Some(photos) => photos.len() == 1 || photos.iter().any(|photo| photo.ends_with(pose)),
-            None => pose.file_stem().is_some_and(|stem| self.stems.contains(&*stem.to_string_lossy())),
-        }
-    }
 }

@@ -21,13 +21,13 @@ use super::angles::{AngleConvention, AngleKind, AngleUnit, CameraAxes, rows};
 use super::config::TangentialOrder;
 use super::error::Place;
 use super::formats::FileMarks;
+use super::names::NameStyle;
 use super::poses::{Pose, Poses, World};
 use super::xml::{Element, Xml, XmlStep};
 use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::FileError;
 use sizeup_geo::issue::{Issue, Severity, Subject};
-use sizeup_geo::paths;
 use sizeup_heights::camera::{Camera, Distortion};
 
 /// An unzipped `.xmlz` larger than this is refused; 100,000 photos take 0.2 GB.
@@ -68,7 +68,7 @@ struct PhotoGroup {
 
 fn read_xml(reader: impl BufRead, path: &Path, tangential: Option<TangentialOrder>) -> Result<Poses, SurveyError> {
     let mut xml = Xml::new(reader, path);
-    let mut poses = Poses::new();
+    let mut poses = Poses { names: NameStyle::Path, ..Poses::new() };
     let mut systems: BTreeMap<String, String> = BTreeMap::new();
     let mut block_systems = BTreeSet::new();
     let mut group = Element::default();
@@ -158,7 +158,7 @@ fn world(definition: &str) -> Result<World, String> {
 fn take_photo(photo: &Element, group: &PhotoGroup, poses: &mut Poses) {
     let name = photo.text_of("ImagePath").map_or_else(
         || format!("photo {}", photo.text_of("Id").unwrap_or("without id")),
-        |path| paths::file_name(path).to_owned(),
+        str::to_owned,
     );
     let Some(pose) = photo.child("Pose").filter(|pose| pose.child("Center").is_some()) else {
         return poses.refuse("photo_without_pose", &name, "the photo has no pose (it was not aligned)");

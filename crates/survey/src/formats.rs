@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::poses::Poses;
-use super::{SurveyConfig, SurveyError};
+use super::{SurveyConfig, SurveyError, names};
 use sizeup_geo::files::FileError;
 
 /// Marks by which a file or folder is recognised.
@@ -150,10 +150,12 @@ pub(crate) fn recognised(marks: &FileMarks) -> Option<Format> {
     ABOUT.iter().map(|&(format, _)| format).find(is_it)
 }
 
-/// The poses as the file has them.
+/// The poses as the file has them, and the names of their photos.
 pub(crate) fn read_poses(config: &SurveyConfig) -> Result<Poses, SurveyError> {
-    match format_of(config)?.reader() {
-        Some(reader) => (reader.read)(config),
-        None => Err(SurveyError::config("the format is not known", "set `format`")),
-    }
+    let Some(reader) = format_of(config)?.reader() else {
+        return Err(SurveyError::config("the format is not known", "set `format`"));
+    };
+    let mut poses = (reader.read)(config)?;
+    names::settle(&mut poses);
+    Ok(poses)
 }

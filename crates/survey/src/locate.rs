@@ -158,7 +158,7 @@ pub(crate) fn locate(
         _ => None,
     };
     let way = WayToMap { map_from_world: Transform::new(&world, project_crs)?, true_north, offset, heights };
-    let Poses { poses, mut issues, counts, .. } = poses;
+    let Poses { poses, mut issues, counts, written, .. } = poses;
     let mut facts = Facts {
         world: world.to_string(),
         heights: way.heights.to_string(),
@@ -195,7 +195,7 @@ pub(crate) fn locate(
             ));
         }
         let refused = names_of(&issues);
-        issues.extend(photos::attach(&mut views, &refused, folder)?);
+        issues.extend(photos::attach(&mut views, &refused, &written, folder)?);
     }
     if !world.is_metric() && !way.heights.is_choice() && world.vertical_epsg().is_none() {
         let message = format!("positions in {world} are counted in feet; the heights are taken as metres all the same");
@@ -299,9 +299,8 @@ fn suggest_projected(poses: &Poses, world: &Crs, project_crs: &Crs) -> Result<()
 }
 
 fn view(way: &WayToMap, pose: Pose) -> Result<(View, GridNorth), Box<Issue>> {
-    let is_absolute = std::path::Path::new(&pose.name).is_absolute();
-    if !is_absolute && within(&pose.name).is_none() {
-        let issue = refused("photo_name_unusable", &pose.name, "its name leads out of the folder of the photos");
+    if within(&pose.name).is_none() {
+        let issue = refused("photo_name_unusable", &pose.name, "its name is no path of a file");
         return Err(Box::new(issue.hint("name photos by file, or by folders and file below one folder")));
     }
     pose.camera.validate().map_err(|e| Box::new(refused("camera_unusable", &pose.name, e.to_string())))?;

@@ -31,11 +31,12 @@ use serde::de::DeserializeOwned;
 use super::angles::AngleConvention;
 use super::error::Place;
 use super::formats::FileMarks;
+use super::names::NameStyle;
 use super::poses::{Pose, Poses, World};
 use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::FileError;
-use sizeup_geo::paths::{self, within};
+use sizeup_geo::paths::within;
 use sizeup_heights::camera::{Camera, Distortion};
 
 /// Coefficients of a fisheye's polynomial, p0 included.
@@ -167,7 +168,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let list: CameraList = project.part(&file, "camera_list", "opf-camera-list")?;
     let frame: SceneFrame = project.part(&file, "scene_reference_frame", "opf-scene-reference-frame")?;
 
-    let names: BTreeMap<u64, &str> = list.cameras.iter().map(|c| (c.id, file_name(&c.uri))).collect();
+    let names: BTreeMap<u64, &str> = list.cameras.iter().map(|c| (c.id, without_page(&c.uri))).collect();
     let sizes: BTreeMap<u64, [f64; 2]> = inputs.sensors.iter().map(|s| (s.id, s.image_size_px)).collect();
     let cameras: BTreeMap<u64, Result<Arc<Camera>, String>> = calibration
         .sensors
@@ -175,7 +176,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
         .map(|sensor| (sensor.id, camera(&sensor.internals, sizes.get(&sensor.id).copied()).map(Arc::new)))
         .collect();
 
-    let mut poses = Poses { world: world(&file, &frame)?, ..Poses::new() };
+    let mut poses = Poses { world: world(&file, &frame)?, names: NameStyle::Path, ..Poses::new() };
     for calibrated in &calibration.cameras {
         let number = calibrated.id.to_string();
         let name = names.get(&calibrated.id).copied().unwrap_or(&number);
@@ -217,10 +218,9 @@ fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, SurveyError> {
         .map_err(|e| SurveyError::malformed(path, Place::Line(e.line() as u64), e.to_string()))
 }
 
-/// The photo's name in a URI, page of a TIFF left out.
-fn file_name(uri: &str) -> &str {
-    let path = uri.split('#').next().unwrap_or(uri);
-    paths::file_name(path)
+/// A photo's URI, page of a TIFF left out.
+fn without_page(uri: &str) -> &str {
+    uri.split('#').next().unwrap_or(uri)
 }
 
 fn world(path: &Path, frame: &SceneFrame) -> Result<World, SurveyError> {
@@ -300,6 +300,7 @@ fn pose(name: &str, camera: Arc<Camera>, from: &CalibratedCamera, frame: &Canoni
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::names;
 
     fn calibrated(position: [f64; 3]) -> CalibratedCamera {
         CalibratedCamera { id: 1, sensor_id: 1, position, orientation_deg: [0.0, 0.0, -90.0] }
@@ -340,7 +341,8 @@ mod tests {
 
     #[test]
     fn names_come_from_uris() {
-        assert_eq!(file_name("file:///c:/data/images/DJI_09572.jpg"), "DJI_09572.jpg");
-        assert_eq!(file_name("IMG_03849021.tiff#page=0"), "IMG_03849021.tiff");
+        let name = |uri: &str| names::parts(without_page(uri)).pop().map(str::to_owned);
+        assert_eq!(name("file:///c:/data/images/DJI_09572.jpg").as_deref(), Some("DJI_09572.jpg"));
+        assert_eq!(name("IMG_03849021.tiff#page=0").as_deref(), Some("IMG_03849021.tiff"));
     }
 }

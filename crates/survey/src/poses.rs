@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 
 use super::angles::North;
+use super::names::NameStyle;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::camera::Camera;
@@ -38,7 +39,7 @@ pub(crate) enum FileHeights {
 /// One pose in the file's world.
 #[derive(Debug, Clone)]
 pub(crate) struct Pose {
-    /// Name of the photo, as the file writes it.
+    /// Name of the photo: as the file writes it while it is read, then what [`super::names`] makes of that.
     pub name: String,
     /// Camera of the photo, shared by all photos of it.
     pub camera: Arc<Camera>,
@@ -57,6 +58,10 @@ pub(crate) struct Poses {
     pub north: North,
     /// Kind of its heights.
     pub heights: FileHeights,
+    /// How the format names photos.
+    pub names: NameStyle,
+    /// Names as the file writes them, by those that the photos have, where the two differ.
+    pub written: BTreeMap<String, String>,
     /// Poses in the file's order.
     pub poses: Vec<Pose>,
     /// Poses that the reader refused.
@@ -79,6 +84,8 @@ impl Poses {
     pub(crate) fn new() -> Self {
         Self {
             counts: PropertyCounts::default(),
+            names: NameStyle::default(),
+            written: BTreeMap::new(),
             world: World::Unsaid,
             north: North::Grid,
             heights: FileHeights::Unsaid,
@@ -101,4 +108,15 @@ impl Poses {
 /// An issue of a view that cannot be used.
 pub(crate) fn refused(code: &str, name: &str, message: impl Into<String>) -> Issue {
     Issue::new(Severity::Refused, code, Subject::View(name.to_owned()), message)
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A pose of a name, somewhere.
+    pub(crate) fn pose(name: &str) -> Pose {
+        let camera = Arc::new(Camera::pinhole(400, 300, 500.0));
+        Pose { name: name.to_owned(), camera, camera_from_world: DMat3::IDENTITY, centre: DVec3::ZERO }
+    }
 }

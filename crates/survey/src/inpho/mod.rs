@@ -30,12 +30,12 @@ use self::blocks::{InphoBlock, blocks, numbers};
 use super::angles::{nearest_rotation, rows};
 use super::error::Place;
 use super::formats::FileMarks;
+use super::names::NameStyle;
 use super::poses::{Pose, Poses, World};
 use super::{SurveyConfig, SurveyError};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files;
 use sizeup_geo::issue::{Issue, Severity, Subject};
-use sizeup_geo::paths;
 use sizeup_heights::camera::{Camera, Distortion};
 
 /// An entry of the affine map below this part of the greatest counts as 0: a hundredth of a pixel across 10,000 pixels.
@@ -76,7 +76,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
         .hint("a .prj that holds a CRS only is no project"));
     }
     in_metres(path, &blocks)?;
-    let mut poses = Poses::new();
+    let mut poses = Poses { names: NameStyle::Path, ..Poses::new() };
     if config.crs.is_none() {
         poses.world = world(path, &blocks)?;
     }
@@ -222,11 +222,10 @@ fn raster([col_by_x, col_by_y, _, row_by_x, row_by_y, _]: [f64; 6]) -> Result<(f
     Ok((columns, rows, matrix))
 }
 
-/// The file's name, without folders; blanks in it are written `\ `.
+/// The file's path; blanks in it are written `\ `.
 fn photo_name(block: &InphoBlock<'_>) -> String {
     let file = block.text("PHOTO_FILE").unwrap_or_default().replace("\\ ", " ");
-    let name = paths::file_name(&file);
-    if name.is_empty() { block.text("PHOTO_NUM").unwrap_or("without number").to_owned() } else { name.to_owned() }
+    if file.is_empty() { block.text("PHOTO_NUM").unwrap_or("without number").to_owned() } else { file }
 }
 
 fn pose(
