@@ -24,7 +24,7 @@ use sizeup_heights::optimise::{
 use sizeup_heights::render::PlacedCamera;
 use sizeup_heights::scene::Scene;
 use sizeup_photos::prior::{GroundCorrelation, PriorConfig, Priors, ground_correlation, judge_tag, judge_unit};
-use sizeup_survey::{Survey, View, ViewKind};
+use sizeup_survey::{Survey, View, ViewKind, mismatch};
 
 /// Full sweeps that parts get among buildings whose heights are known from the round before.
 const RESUMED_SWEEPS: usize = 2;
@@ -82,6 +82,7 @@ impl<'a> HeightSearch<'a> {
             let (_, priors) = match kept {
                 Some(kept) => opened.insert(kept),
                 None => {
+                    require_matched_photos(self.config, self.survey)?;
                     let store = PriorStore::open(self.config, self.survey, stage)?;
                     require_a_prior(self.survey, &store, &stage.terrain, self.tell)?;
                     opened.insert((stage.terrain.clone(), store))
@@ -356,6 +357,24 @@ fn require_a_prior(
     match first {
         Some((view, reason)) if n_usable == 0 => {
             Err(PipelineError::NoPriors { n: oblique.len(), view: survey.views[view].id.0.clone(), reason })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Where a folder of photos is named, priors that are computed need one of a pose in it.
+fn require_matched_photos(config: &RunConfig, survey: &Survey) -> Result<(), PipelineError> {
+    let has_photo = survey.views.iter().any(|view| view.image.is_some());
+    match &config.survey.images {
+        Some(folder) if !has_photo && !matches!(config.prior, PriorConfig::Files(_)) => {
+            let cut_short = survey.issues.iter().find(|issue| issue.code == "photo_cut_short");
+            let why = cut_short.map_or_else(|| mismatch(&survey.views, folder), |issue| issue.message.clone());
+            Err(PipelineError::Mismatch {
+                message: format!("depth is to be computed from the photos, and {why}"),
+                hint: "photos are found by the names in the poses: the file's name, and the folders above it where photos share \
+                       one; letter case does not matter. Name the photos as the poses do, or set survey.images to the folder of \
+                       the photos that the poses are of",
+            })
         }
         _ => Ok(()),
     }

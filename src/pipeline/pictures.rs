@@ -10,7 +10,7 @@ use super::kept::PriorStore;
 use super::stages::SceneStage;
 use super::{HeightStage, PipelineError};
 use sizeup_footprints::Detection;
-use sizeup_geo::template::bare_stem;
+use sizeup_geo::template::name_among;
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::optimise::EpochRecord;
 use sizeup_heights::raster::Raster;
@@ -57,7 +57,7 @@ pub(super) fn write(
     }
     let with_photo = views.iter().map(|&v| &model.survey.views[v]).filter(|view| view.image.is_some());
     for view in with_photo.take(N_OVERLAYS) {
-        let name = format!("overlay-{}.png", bare_stem(&view.id.0));
+        let name = format!("overlay-{}.png", name_among(&view.id.0, names(model.survey)));
         let lines = proxy_lines(view, stage, heights);
         let key = [("roof", ROOF), ("wall, ground", WALL)];
         let overlay = picture::overlay(&photo_of(view)?, &lines, &key, &OverlayConfig::default());
@@ -86,11 +86,16 @@ pub(super) fn footprints(
         for footprint in &found.layer.footprints {
             lines.extend(ground_lines(view, &footprint.polygon, terrain, FOOTPRINT));
         }
-        let name = format!("footprints-{}.png", bare_stem(&view.id.0));
+        let name = format!("footprints-{}.png", name_among(&view.id.0, names(survey)));
         let key = [("footprint", FOOTPRINT), ("this photo's mask", CANDIDATE)];
         let overlay = picture::overlay(&photo_of(view)?, &lines, &key, &OverlayConfig::default());
         picture::write_png(&folder.join(name), &overlay).map_err(PipelineError::from)
     })
+}
+
+/// Names of all photos.
+fn names(survey: &Survey) -> impl Iterator<Item = &str> {
+    survey.views.iter().map(|view| view.id.0.as_str())
 }
 
 /// At most so many of a list, evenly spread, the first and the last among them.

@@ -19,6 +19,15 @@ pub fn bare_stem(name: &str) -> &str {
     stem(paths::file_name(name))
 }
 
+/// What files about one of several photos are called, in one folder: its bare stem, or its stem with `-` for `/` where several share
+/// that.
+#[must_use]
+pub fn name_among<'a>(name: &str, all: impl IntoIterator<Item = &'a str>) -> String {
+    let bare = bare_stem(name);
+    let is_shared = all.into_iter().filter(|other| bare_stem(other) == bare).nth(1).is_some();
+    if is_shared { stem(name).replace(['/', '\\'], "-") } else { bare.to_owned() }
+}
+
 /// Literal text, or a placeholder's name.
 enum TemplatePiece<'a> {
     Text(&'a str),
@@ -87,6 +96,15 @@ mod tests {
         assert_eq!(fill("d/{index}.npy", "/data/x.jpg", Some(1)), Some(PathBuf::from("d/1.npy")));
         assert!(check("d/{photo}.npy").unwrap_err().contains("{photo}"));
         assert!(check("d/{stem.npy").is_err());
+    }
+
+    #[test]
+    fn photos_of_one_name_in_two_folders_have_files_of_their_own() {
+        let all = ["left/1.jpg", "right/1.jpg", "right/2.jpg"];
+        let names = all.map(|name| name_among(name, all));
+        assert_eq!(names, ["left-1", "right-1", "2"]);
+        let files = all.map(|name| fill("d/{stem}.npy", name, None).unwrap());
+        assert_eq!(files.map(|file| file.display().to_string()), ["d/left/1.npy", "d/right/1.npy", "d/right/2.npy"]);
     }
 
     #[test]

@@ -389,3 +389,70 @@ fn camera_of(sensor: &Element) -> Result<Camera, String> {
     camera.validate().map_err(|e| e.to_string())?;
     Ok(camera)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A document of a master camera and one that is mounted with it, by the sensor and the camera of the second.
+    fn rig(master: &str, sensor: &str, camera: &str) -> Result<Poses, SurveyError> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cameras.xml");
+        let lens = "<resolution width=\"400\" height=\"300\"/><calibration><f>500</f></calibration>";
+        let document = format!(
+            "<document version=\"2.0.0\"><chunk><sensors><sensor id=\"0\" type=\"frame\">{lens}</sensor>\
+             <sensor id=\"1\" type=\"frame\" master_id=\"0\">{lens}{sensor}</sensor></sensors>\
+             <components><component id=\"0\"><transform><rotation>0 -1 0 1 0 0 0 0 1</rotation><translation>10 20 30</translation>\
+             <scale>2</scale></transform></component></components><cameras>{master}{camera}</cameras></chunk></document>"
+        );
+        std::fs::write(&path, document).unwrap();
+        read(&SurveyConfig::at(path))
+    }
+
+    /// At (1, 2, 3) in the chunk, x along the chunk's y and y along its −x.
+    const MASTER: &str = "<camera id=\"7\" sensor_id=\"0\" component_id=\"0\" label=\"nadir\"><transform>0 -1 0 1 1 0 0 2 0 0 1 3 \
+                          0 0 0 1</transform></camera>";
+    /// Looks 30° to the right of its master.
+    const SENSOR: &str = "<rotation>0.8660254037844387 0 0.5 0 1 0 -0.5 0 0.8660254037844387</rotation>\
+                          <location>0.5 0.25 0</location>";
+    const CAMERA: &str = "<camera id=\"8\" sensor_id=\"1\" component_id=\"0\" master_id=\"7\" label=\"right\"/>";
+
+    #[test]
+    fn a_camera_of_a_rig_is_placed_by_its_master_and_its_sensor() {
+        let poses = rig(MASTER, SENSOR, CAMERA).unwrap().poses;
+        let [master, camera] = &poses[..] else { panic!("{poses:?}") };
+        assert_eq!((master.name.as_str(), camera.name.as_str()), ("nadir", "right"));
+        // The chunk turns by 90° and doubles. In it: 0.5 along the master's x and 0.25 along its y, from (1, 2, 3).
+        assert!((master.centre - DVec3::new(10.0 - 4.0, 20.0 + 2.0, 36.0)).length() < 1e-12, "{}", master.centre);
+        assert!((camera.centre - DVec3::new(10.0 - 5.0, 20.0 + 1.5, 36.0)).length() < 1e-12, "{}", camera.centre);
+        // Straight on is (0.5, 0, 0.866) for the master: 0.5 along its x, which is the chunk's y and the world's −x.
+        let axis = camera.camera_from_world.transpose() * DVec3::Z;
+        assert!((axis - DVec3::new(-0.5, 0.0, 0.75_f64.sqrt())).length() < 1e-12, "{axis}");
+        // A document without a location has both in one place; other versions call it a translation.
+        let together = rig(MASTER, SENSOR.split("<location>").next().unwrap(), CAMERA).unwrap().poses;
+        assert_eq!(together[1].centre, together[0].centre);
+        let renamed = rig(MASTER, &SENSOR.replace("location", "translation"), CAMERA).unwrap().poses;
+        assert_eq!(renamed[1].centre, camera.centre);
+        // A master that is not used itself still says where its camera is.
+        let of_disabled = rig(&MASTER.replace("id=\"7\"", "id=\"7\" enabled=\"false\""), SENSOR, CAMERA).unwrap();
+        assert_eq!((of_disabled.poses.len(), of_disabled.issues.len()), (1, 1));
+        assert_eq!(of_disabled.poses[0].centre, camera.centre);
+    }
+
+    #[test]
+    fn a_rig_that_cannot_be_read_is_refused_with_its_master() {
+        let unaligned = "<camera id=\"7\" sensor_id=\"0\" label=\"nadir\"/>";
+        for (master, sensor, camera, expected) in [
+            (MASTER, "", CAMERA, "rigs are not read: its sensor has no <rotation> to that of its master (its master is nadir)"),
+            (MASTER, "<rotation>1 2</rotation>", CAMERA, "rigs are not read: <rotation> has 2 numbers: expected 9"),
+            (MASTER, SENSOR, &CAMERA.replace("sensor_id=\"1\"", "sensor_id=\"0\""), "is not mounted on sensor 0 of its master nadir"),
+            (MASTER, SENSOR, &CAMERA.replace("master_id=\"7\"", "master_id=\"6\""), "its master, camera 6, is not in the file"),
+            (unaligned, SENSOR, CAMERA, "its master nadir is not aligned"),
+        ] {
+            let poses = rig(master, sensor, camera).unwrap();
+            let last = poses.issues.last().unwrap();
+            assert!(last.message.contains(expected), "{}", last.message);
+            assert!(poses.poses.iter().all(|pose| pose.name == "nadir"));
+        }
+    }
+}

@@ -393,3 +393,316 @@ fn in_url(name: &str) -> String {
     let in_address = |byte| if is_plain(byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") };
     name.bytes().map(in_address).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Survey, SurveyConfig};
+    use sizeup_geo::crs::Crs;
+
+    /// The photo that each pose has, by its path below the folder.
+    fn matched(poses: &[&str], photos: &[&str]) -> Vec<Option<String>> {
+        let folder = Path::new("/data/flight");
+        let paths: Vec<PathBuf> = photos.iter().map(|photo| folder.join(photo)).collect();
+        let index = PhotoIndex::new(paths.iter().map(PathBuf::as_path), folder);
+        let photo = |found: Found| match found {
+            Found::Photo { photo, .. } => Some(photos[photo].to_owned()),
+            _ => None,
+        };
+        index.find_all(poses).into_iter().map(photo).collect()
+    }
+
+    fn assert_matched(pose: &str, photos: &[&str], expected: &str) {
+        assert_eq!(matched(&[pose], photos), [Some(expected.to_owned())], "{pose} among {photos:?}");
+    }
+
+    #[test]
+    fn a_photo_is_found_however_systems_spell_its_name() {
+        for (pose, photo) in [
+            ("IMG_1.jpg", "IMG_1.JPG"),
+            ("img_1.JPEG", "IMG_1.jpg"),
+            ("IMG_1.tif", "IMG_1.TIFF"),
+            ("a%20b/c%C3%BC.jpg", "a b/c\u{FC}.jpg"),
+            ("cu\u{308}.jpg", "c\u{FC}.JPG"),
+            ("LEFT\\IMG_1.jpg", "left/IMG_1.jpg"),
+            ("/mnt/flight/left/1.jpg", "left/1.jpg"),
+            ("D:\\flug\\left\\1.jpg", "left/1.jpg"),
+            ("file:///c:/flug/left/1.jpg", "left/1.jpg"),
+            ("../images/1.jpg", "1.jpg"),
+            ("label", "label.jpg"),
+            ("LABEL", "label.JPG"),
+            ("a.b", "a.b.jpg"),
+            ("1.jpg", "1.jpg.tif"),
+        ] {
+            assert_matched(pose, &[photo, "right/2.jpg", "IMG_11.jpg"], photo);
+        }
+        for (pose, photo) in [("1.jpg", "1.png"), ("1.arw", "1.jpg"), ("1.jpg", "11.jpg"), ("..", "1.jpg")] {
+            assert_eq!(matched(&[pose], &[photo]), [None], "{pose}, {photo}");
+        }
+    }
+
+    #[test]
+    fn the_longest_common_path_goes_first_then_the_exact_name() {
+        assert_matched("left/1.jpg", &["left/1.JPG", "right/1.jpg"], "left/1.JPG");
+        assert_matched("x/left/1.jpg", &["x/right/1.jpg", "y/left/1.jpg"], "y/left/1.jpg");
+        assert_matched("1.jpg", &["1.JPG", "1.jpg"], "1.jpg");
+        assert_matched("1.jpg", &["1.JPG", "copies/1.jpg"], "copies/1.jpg");
+        assert_matched("1.jpg", &["1.jpg", "copies/1.jpg"], "1.jpg");
+        assert_matched("1.JPEG", &["1.jpg", "copies/1.jpg"], "1.jpg");
+        assert_matched("1", &["1.jpg", "copies/1.jpg"], "1.jpg");
+        assert_matched("../flight/1.jpg", &["1.jpg", "copies/1.jpg"], "1.jpg");
+        assert_eq!(matched(&["1.jpg"], &["left/1.jpg", "right/1.jpg"]), [None], "equally well");
+        assert_eq!(matched(&["1.jpg"], &["left/1.JPG", "right/1.JPEG"]), [None], "equally well");
+    }
+
+    #[test]
+    fn a_photo_is_that_of_one_pose() {
+        let photo = |name: &str| Some(name.to_owned());
+        assert_eq!(matched(&["left/1.jpg", "right/1.jpg"], &["right/1.jpg"]), [None, photo("right/1.jpg")]);
+        assert_eq!(matched(&["left/1.jpg", "right/1.jpg"], &["1.jpg"]), [None, None], "which one?");
+        // The folder of all photos is a folder too.
+        assert_eq!(matched(&["flight/1.jpg", "other/1.jpg"], &["1.jpg"]), [photo("1.jpg"), None]);
+        assert_eq!(matched(&["img.jpg", "IMG.jpg"], &["IMG.jpg", "img.jpg"]), [photo("img.jpg"), photo("IMG.jpg")]);
+    }
+
+    /// Folders of a camera of five lenses, each of which numbers its photos from 0.
+    const LENSES: [&str; 5] = ["back", "fwd", "left", "nadir", "right"];
+
+    /// Poses that look straight down, and their photos in the folders of their lenses: number of lens and photo, and the place.
+    fn rig() -> impl Iterator<Item = (usize, usize, f64)> {
+        (0..LENSES.len()).flat_map(|lens| (0..2).map(move |i| (lens, i, (10 * lens + i) as f64)))
+    }
+
+    fn crs() -> Crs {
+        Crs::parse("EPSG:25832").unwrap()
+    }
+
+    fn read(config: &SurveyConfig) -> Survey {
+        crate::read(config, &crs()).unwrap()
+    }
+
+    /// Reads files that name the photos by `name` of lens and number, and checks that each has its name, place and photo.
+    fn assert_rig(files: &[(&str, String)], path: &str, stem_only: bool) {
+        let folder = tempfile::tempdir().unwrap();
+        let photos = folder.path().join("photos");
+        for (lens, i, _) in rig() {
+            fs::create_dir_all(photos.join(LENSES[lens])).unwrap();
+            fs::write(photos.join(LENSES[lens]).join(format!("DSC0000{i}.JPG")), format!("photo {lens} {i}")).unwrap();
+        }
+        for (name, text) in files {
+            fs::create_dir_all(folder.path().join(name).parent().unwrap()).unwrap();
+            fs::write(folder.path().join(name), text).unwrap();
+        }
+        let config = SurveyConfig { images: Some(photos.clone()), ..SurveyConfig::at(folder.path().join(path)) };
+        let survey = read(&config);
+        assert!(survey.issues.is_empty(), "{path}: {:?}", survey.issues);
+        assert_eq!(survey.views.len(), 10, "{path}");
+        for (view, (lens, i, x)) in survey.views.iter().zip(rig()) {
+            let photo = format!("{}/DSC0000{i}.JPG", LENSES[lens]);
+            let name = if stem_only { photo.trim_end_matches(".JPG") } else { &photo };
+            assert_eq!((view.id.0.as_str(), view.image.as_deref()), (name, Some(&*photos.join(&photo))), "{path}");
+            assert!((view.centre().x - 566_000.0 - x).abs() < 1e-6, "{path}: {}", view.centre());
+        }
+    }
+
+    fn colmap(name: impl Fn(&str, usize) -> String) -> String {
+        let row = |(lens, i, x): (usize, usize, f64)| {
+            let id = 2 * lens + i + 1;
+            format!("{id} 0 1 0 0 {} 5763000 180 1 {}\n\n", -(566_000.0 + x), name(LENSES[lens], i))
+        };
+        rig().map(row).collect()
+    }
+
+    #[test]
+    fn a_rig_of_five_lenses_has_all_its_poses_and_photos_in_colmap_and_tables() {
+        let cameras = "1 PINHOLE 400 300 500 500 200 150\n".to_owned();
+        let names: [fn(&str, usize) -> String; 4] = [
+            |lens, i| format!("{lens}/DSC0000{i}.JPG"),
+            |lens, i| format!("{lens}\\DSC0000{i}.JPG"),
+            |lens, i| format!("/mnt/flight 1/{lens}/DSC0000{i}.JPG"),
+            |lens, i| format!("../photos/{lens}/DSC0000{i}.JPG"),
+        ];
+        for name in names {
+            let images = ("sparse/images.txt", colmap(name));
+            assert_rig(&[("sparse/cameras.txt", cameras.clone()), images], "sparse", false);
+            let row = |(lens, i, x): (usize, usize, f64)| {
+                format!("{},{},5763000,180,0,0,0,400,300,500\n", name(LENSES[lens], i), 566_000.0 + x)
+            };
+            let table: String = rig().map(row).collect();
+            let table = format!("name,x,y,z,omega,phi,kappa,width,height,fx\n{table}");
+            assert_rig(&[("poses.csv", table)], "poses.csv", false);
+        }
+    }
+
+    #[test]
+    fn a_rig_of_five_lenses_has_all_its_poses_and_photos_in_blocks_exchange() {
+        for place in ["D:/flug", "D:\\flug", "/mnt/flug", "."] {
+            let photo = |(lens, i, x): (usize, usize, f64)| {
+                format!(
+                    "<Photo><ImagePath>{place}/{}/DSC0000{i}.JPG</ImagePath><Pose><Rotation><M_00>1</M_00><M_01>0</M_01>\
+                     <M_02>0</M_02><M_10>0</M_10><M_11>-1</M_11><M_12>0</M_12><M_20>0</M_20><M_21>0</M_21><M_22>-1</M_22>\
+                     </Rotation><Center><x>{}</x><y>5763000</y><z>180</z></Center></Pose></Photo>",
+                    LENSES[lens],
+                    566_000.0 + x
+                )
+            };
+            let photos: String = rig().map(photo).collect();
+            let block = format!(
+                "<BlocksExchange version=\"3.2\"><Block><Photogroups><Photogroup><ImageDimensions><Width>400</Width>\
+                 <Height>300</Height></ImageDimensions><FocalLengthPixels>500</FocalLengthPixels>{photos}</Photogroup>\
+                 </Photogroups></Block></BlocksExchange>"
+            );
+            assert_rig(&[("block.xml", block)], "block.xml", false);
+        }
+    }
+
+    #[test]
+    fn a_rig_of_five_lenses_has_all_its_poses_and_photos_in_opf() {
+        let item = |kind: &str, file: &str, format: &str| {
+            serde_json::json!({ "type": kind, "resources": [{ "uri": file, "format": format!("application/opf-{format}+json") }] })
+        };
+        let project = serde_json::json!({ "items": [
+            item("camera_list", "list.json", "camera-list"),
+            item("input_cameras", "input.json", "input-cameras"),
+            item("scene_reference_frame", "frame.json", "scene-reference-frame"),
+            item("calibration", "calibrated.json", "calibrated-cameras"),
+        ]});
+        let input = serde_json::json!({ "sensors": [{ "id": 1, "image_size_px": [400, 300] }] });
+        let frame = serde_json::json!({ "crs": { "definition": "EPSG:25832" }, "base_to_canonical": {
+            "shift": [-566_000.0, -5_763_000.0, 0.0], "scale": [1.0, 1.0, 1.0], "swap_xy": false } });
+        let sensor = serde_json::json!({ "id": 1, "internals": { "type": "perspective", "principal_point_px": [200.0, 150.0],
+            "focal_length_px": 500.0, "radial_distortion": [0.0, 0.0, 0.0], "tangential_distortion": [0.0, 0.0] } });
+        for place in ["file:///c:/flug", "images", ".."] {
+            let listed = |(lens, i, _): (usize, usize, f64)| {
+                let uri = format!("{place}/{}/DSC0000{i}.JPG", LENSES[lens]);
+                serde_json::json!({ "id": 10 * lens + i, "uri": uri })
+            };
+            let posed = |(lens, i, x): (usize, usize, f64)| {
+                serde_json::json!({ "id": 10 * lens + i, "sensor_id": 1, "position": [x, 0.0, 180.0],
+                                    "orientation_deg": [0.0, 0.0, 0.0] })
+            };
+            let list = serde_json::json!({ "cameras": rig().map(listed).collect::<Vec<_>>() });
+            let calibrated =
+                serde_json::json!({ "sensors": [sensor], "cameras": rig().map(posed).collect::<Vec<_>>() });
+            let files = [
+                ("opf/project.opf", project.to_string()),
+                ("opf/list.json", list.to_string()),
+                ("opf/input.json", input.to_string()),
+                ("opf/frame.json", frame.to_string()),
+                ("opf/calibrated.json", calibrated.to_string()),
+            ];
+            assert_rig(&files, "opf", false);
+        }
+    }
+
+    #[test]
+    fn a_rig_of_five_lenses_has_all_its_poses_and_photos_in_inpho() {
+        let photo = |(lens, i, x): (usize, usize, f64)| {
+            format!(
+                "$PHOTO\n $PHOTO_NUM : {i}\n $PHOTO_FILE : D:\\flug\\{}\\DSC0000{i}.JPG\n $CAMERA_ID : c\n $EXT_ORI : 0\n  \
+                 50 {} 5763000 180\n  1 0 0 0 1 0 0 0 1\n$END\n",
+                LENSES[lens],
+                566_000.0 + x
+            )
+        };
+        let photos: String = rig().map(photo).collect();
+        let project = format!(
+            "$PROJECT 1\n$END\n{photos}$CAMERA_DEFINITION\n $ID : c\n $CCD_INTERIOR_ORIENTATION :\n  10 0 199.5\n  0 -10 149.5\n \
+             $CCD_COLUMNS : 400\n $CCD_ROWS : 300\n $PIXEL_REFERENCE : CenterTopLeft\n $FOCAL_LENGTH : 50\n$END\n"
+        );
+        assert_rig(&[("block.prj", project)], "block.prj", false);
+    }
+
+    /// A local chunk whose cameras open as `camera` says: the label of their group, if they have one, and their own.
+    fn metashape(camera: impl Fn(&str, usize) -> (Option<String>, String)) -> String {
+        let shot = |(lens, i, x): (usize, usize, f64)| {
+            let (group, label) = camera(LENSES[lens], i);
+            let shot = format!(
+                "<camera id=\"{lens}{i}\" sensor_id=\"{lens}\" label=\"{label}\"><transform>1 0 0 {} 0 -1 0 5763000 0 0 -1 180 \
+                 0 0 0 1</transform></camera>",
+                566_000.0 + x
+            );
+            group.map_or(shot.clone(), |group| format!("<group label=\"{group}\">{shot}</group>"))
+        };
+        let shots: String = rig().map(shot).collect();
+        let sensor = |(id, lens): (usize, &&str)| {
+            format!(
+                "<sensor id=\"{id}\" label=\"{lens}\" type=\"frame\"><resolution width=\"400\" height=\"300\"/><calibration>\
+                 <f>500</f></calibration></sensor>"
+            )
+        };
+        let sensors: String = LENSES.iter().enumerate().map(sensor).collect();
+        format!(
+            "<document version=\"2.0.0\"><chunk><sensors>{sensors}</sensors><cameras>{shots}</cameras><reference>LOCAL_CS[\"\"]\
+             </reference></chunk></document>"
+        )
+    }
+
+    #[test]
+    fn a_rig_of_five_lenses_has_all_its_poses_and_photos_in_metashape() {
+        let label = |_: &str, i: usize| format!("DSC0000{i}");
+        let in_groups = metashape(|lens, i| (Some(lens.to_owned()), label(lens, i)));
+        assert_rig(&[("cameras.xml", in_groups)], "cameras.xml", true);
+        let by_sensors = metashape(|lens, i| (None, label(lens, i)));
+        assert_rig(&[("cameras.xml", by_sensors)], "cameras.xml", true);
+        let absolute = metashape(|lens, i| (None, format!("/mnt/flight/{lens}/DSC0000{i}.JPG")));
+        assert_rig(&[("cameras.xml", absolute)], "cameras.xml", false);
+    }
+
+    /// A table of poses of these names, and a folder with these photos.
+    fn survey_of(poses: &[&str], photos: &[&str]) -> Survey {
+        let folder = tempfile::tempdir().unwrap();
+        let images = folder.path().join("images");
+        for photo in photos {
+            fs::create_dir_all(images.join(photo).parent().unwrap()).unwrap();
+            fs::write(images.join(photo), format!("photo {photo}")).unwrap();
+        }
+        let row = |(i, name): (usize, &&str)| format!("{name},{},5763000,180,0,0,0,400,300,500\n", 566_000 + i);
+        let rows: String = poses.iter().enumerate().map(row).collect();
+        let path = folder.path().join("poses.csv");
+        fs::write(&path, format!("name,x,y,z,omega,phi,kappa,width,height,fx\n{rows}")).unwrap();
+        read(&SurveyConfig { images: Some(images), ..SurveyConfig::at(path) })
+    }
+
+    #[test]
+    fn photos_that_are_spelt_otherwise_are_told_once() {
+        let survey = survey_of(&["a.jpg", "b.jpg", "c.jpg"], &["a.JPG", "b.jpeg", "c.jpg"]);
+        assert!(survey.views.iter().all(|view| view.image.is_some()));
+        let [note] = &survey.issues[..] else { panic!("{:?}", survey.issues) };
+        assert_eq!((note.code.as_str(), note.severity), ("photo_spelling_differs", Severity::Note));
+        assert!(note.message.ends_with(": 2, such as a.JPG for a.jpg"), "{}", note.message);
+        assert!(survey_of(&["a.jpg", "label"], &["A/a.jpg", "label.JPG"]).issues.is_empty(), "found as they are");
+    }
+
+    #[test]
+    fn a_match_that_is_in_doubt_is_refused_with_both_names() {
+        let survey = survey_of(&["1.jpg"], &["left/1.jpg", "right/1.jpg"]);
+        let [issue] = &survey.issues[..] else { panic!("{:?}", survey.issues) };
+        assert_eq!(issue.code, "duplicate_photo_name");
+        assert!(issue.message.contains("left/1.jpg and right/1.jpg"), "{}", issue.message);
+        let survey = survey_of(&["left/1.jpg", "right/1.jpg"], &["1.jpg"]);
+        assert!(survey.views.iter().all(|view| view.image.is_none()));
+        let messages: Vec<&str> = survey.issues.iter().map(|issue| issue.message.as_str()).collect();
+        assert!(messages[0].contains("1.jpg fits right/1.jpg") && messages[1].contains("1.jpg fits left/1.jpg"), "{messages:?}");
+        let survey = survey_of(&["left/1.jpg", "right/1.jpg"], &["right/1.jpg"]);
+        assert!(survey.issues[0].message.contains("right/1.jpg is that of right/1.jpg"), "{:?}", survey.issues);
+    }
+
+    #[test]
+    fn a_name_that_is_no_path_of_a_file_is_refused() {
+        let survey = survey_of(&["..", "a.jpg", "../../a/b.jpg"], &["a.jpg", "b.jpg"]);
+        let names: Vec<&str> = survey.views.iter().map(|view| view.id.0.as_str()).collect();
+        assert_eq!((names, survey.issues[0].code.as_str()), (vec!["a.jpg", "b.jpg"], "photo_name_unusable"));
+        assert!(survey.views.iter().all(|view| view.image.is_some()), "{:?}", survey.issues);
+    }
+
+    #[test]
+    fn a_mismatch_shows_a_pose_and_a_photo_side_by_side() {
+        let folder = tempfile::tempdir().unwrap();
+        let views = survey_of(&["IMG_1.jpg", "IMG_2.jpg"], &["x.jpg"]).views;
+        assert!(mismatch(&views, folder.path()).contains("there is no photo in"));
+        fs::write(folder.path().join("DSC_1.JPG"), b"photo").unwrap();
+        let why = mismatch(&views, folder.path());
+        assert!(why.contains("none of the 2 poses") && why.contains("\"IMG_1.jpg\", photo \"DSC_1.JPG\""), "{why}");
+    }
+}
