@@ -516,16 +516,24 @@ fn names_that_lead_out_of_their_folder_are_refused() {
 }
 
 #[test]
-fn a_photo_whose_name_leads_elsewhere_is_an_issue_and_its_prior_is_not_read() {
+fn a_photo_whose_name_leads_elsewhere_is_named_without_that_way_and_its_prior_is_not_read() {
     let scene = Scene::new();
     let stem = scene.stems().remove(0);
     fs::create_dir(scene.path("secret")).unwrap();
     fs::rename(scene.path(&format!("priors/{stem}.npy")), scene.path(&format!("secret/{stem}.npy"))).unwrap();
     scene.edit("sparse/images.txt", |text| text.replace(&format!("{stem}.jpg"), &format!("../secret/{stem}.jpg")));
     let outcome = scene.run(&[]);
+    assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
+    assert!(scene.issues("photo_name_unusable").is_empty());
+    for file in scene.files("result").iter().filter(|file| file.extension().is_some_and(|e| e == "json")) {
+        assert!(!fs::read_to_string(file).unwrap().contains("secret"), "{}", file.display());
+    }
+    // What is no path of a file has no name that is left.
+    scene.edit("sparse/images.txt", |text| text.replace(&format!("../secret/{stem}.jpg"), ".."));
+    let outcome = scene.run(&[]);
     assert_eq!(outcome.code, 5, "{}", outcome.stderr);
     let issue = &scene.issues("photo_name_unusable")[0];
-    assert!(issue["subject"]["id"].as_str().unwrap().contains("../secret") && issue["hint"].is_string(), "{issue}");
+    assert!(issue["subject"]["id"] == ".." && issue["hint"].is_string(), "{issue}");
 }
 
 #[test]

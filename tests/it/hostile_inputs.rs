@@ -278,6 +278,19 @@ fn a_missing_image_folder_is_refused() {
 }
 
 #[test]
+fn photos_that_are_named_otherwise_than_the_poses_are_told_side_by_side() {
+    let scene = Scene::new();
+    fs::create_dir(scene.path("images")).unwrap();
+    fs::write(scene.path("images/other.JPG"), b"photo").unwrap();
+    for source in ["stereo", "auto"] {
+        let prior = format!("prior={{source=\"{source}\"}}");
+        let outcome = scene.run(&["--set", "survey.images=images", "--set", &prior]);
+        let says = ["poses has its photo among the 1 of", "images: pose \"", "photo \"other.JPG\"", "Name the photos as the poses do"];
+        assert_refused(&scene, &outcome, 3, &says);
+    }
+}
+
+#[test]
 fn one_name_for_two_poses_is_trusted_for_neither() {
     let scene = Scene::new();
     scene.edit("sparse/images.txt", |text| {

@@ -731,6 +731,38 @@ fn photos_in_several_folders_of_a_card_are_one_flight() {
 }
 
 #[test]
+fn photos_of_a_rig_in_a_folder_for_each_lens_are_found_whatever_system_named_them() {
+    let desk = Desk::new();
+    for name in ["sparse", "dtm.tif", "footprints.gpkg", "georef.json"] {
+        desk.bring(name, name);
+    }
+    desk.photos("images", &Drone::default());
+    let images = desk.path("flight/sparse/images.txt");
+    let mut text = fs::read_to_string(&images).unwrap();
+    for (i, view) in survey().views.iter().enumerate() {
+        let (lens, number) = (["back", "fwd", "left", "nadir", "right"][i % 5], i / 5);
+        fs::create_dir_all(desk.path("flight/images").join(lens)).unwrap();
+        fs::rename(
+            desk.path(&format!("flight/images/DJI_{:04}.JPG", i + 1)),
+            desk.path(&format!("flight/images/{lens}/DSC{number:05}.JPG")),
+        )
+        .unwrap();
+        text = text.replace(&format!(" {}\n", view.id), &format!(" {lens}\\DSC{number:05}.jpg\n"));
+    }
+    fs::write(&images, text).unwrap();
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!((outcome.code, &summary["poses"]["format"]), (0, &json!("colmap")), "{}", outcome.stderr);
+    assert!(desk.text().contains("images = \"flight/images\""), "{}", desk.text());
+    let config = RunConfig::load(&desk.path("sizeup.toml"), &[]).unwrap();
+    let survey = sizeup::survey::read(&config.survey, &config.project.crs).unwrap();
+    assert_eq!(survey.views.len(), N_PHOTOS);
+    for view in &survey.views {
+        let photo = view.image.as_ref().expect("each has its photo").with_extension("jpg");
+        assert!(photo.ends_with(&view.id.0), "{} has {}", view.id, photo.display());
+    }
+}
+
+#[test]
 fn parcels_are_no_buildings_and_results_no_input() {
     let desk = Desk::new();
     desk.photos("photos", &Drone { n_photos: 6, ..Drone::default() });

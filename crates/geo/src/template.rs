@@ -19,8 +19,8 @@ pub fn bare_stem(name: &str) -> &str {
     stem(paths::file_name(name))
 }
 
-/// What files about one of several photos are called, in one folder: its bare stem, or its stem with `-` for `/` where several share
-/// that.
+/// Names files about one of several photos in one folder: by its bare stem, or by its stem with `-` for `/` where several share the
+/// bare one.
 #[must_use]
 pub fn name_among<'a>(name: &str, all: impl IntoIterator<Item = &'a str>) -> String {
     let bare = bare_stem(name);

@@ -85,7 +85,7 @@ fn percent_decoded(text: &str) -> Cow<'_, str> {
     String::from_utf8(decoded).map_or(Cow::Borrowed(text), Cow::Owned)
 }
 
-/// What a pose file writes for a photo, taken apart.
+/// A photo's name as a pose file writes it, taken apart.
 enum Written<'a> {
     /// A name that is kept.
     Kept(Cow<'a, str>),

@@ -323,7 +323,7 @@ impl Matching<'_> {
         Issue::new(Severity::Warning, code, Subject::View(self.poses[pose].clone()), message).hint(hint)
     }
 
-    /// What is said of photos that the poses spell otherwise: names of poses, and their photos.
+    /// The note on photos that the poses spell otherwise: names of poses, and their photos.
     fn note(&self, differing: &[(&str, usize)]) -> Option<Issue> {
         let &(pose, photo) = differing.first()?;
         let message = format!(
