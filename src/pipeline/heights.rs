@@ -363,7 +363,7 @@ fn require_a_prior(
 }
 
 /// Where a folder of photos is named, priors that are computed need one of a pose in it.
-fn require_matched_photos(config: &RunConfig, survey: &Survey) -> Result<(), PipelineError> {
+pub(super) fn require_matched_photos(config: &RunConfig, survey: &Survey) -> Result<(), PipelineError> {
     let has_photo = survey.views.iter().any(|view| view.image.is_some());
     match &config.survey.images {
         Some(folder) if !has_photo && !matches!(config.prior, PriorConfig::Files(_)) => {

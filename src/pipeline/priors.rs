@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde::Serialize;
 
-use super::heights::view_inputs;
+use super::heights::{require_matched_photos, view_inputs};
 use super::stages::SceneStage;
 use super::{FootprintStage, PipelineError, RunOptions, Stage, Tell, artefact, run};
 use crate::config::RunConfig;
@@ -56,6 +56,7 @@ pub fn compute_priors(
     let survey: Survey = artefact::read_survey(config)?;
     let footprints: FootprintStage = artefact::read(config, Stage::Footprints, &survey)?;
     let stage = SceneStage::new(config, &survey, &footprints)?;
+    require_matched_photos(config, &survey)?;
     let priors = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
     if !priors.has_cache() {
         return Err(PipelineError::Settings {

@@ -285,7 +285,12 @@ fn photos_that_are_named_otherwise_than_the_poses_are_told_side_by_side() {
     for source in ["stereo", "auto"] {
         let prior = format!("prior={{source=\"{source}\"}}");
         let outcome = scene.run(&["--set", "survey.images=images", "--set", &prior]);
-        let says = ["poses has its photo among the 1 of", "images: pose \"", "photo \"other.JPG\"", "Name the photos as the poses do"];
+        let says = [
+            "poses has its photo among the 1 of",
+            "images: pose \"",
+            "photo \"other.JPG\"",
+            "Name the photos as the poses do",
+        ];
         assert_refused(&scene, &outcome, 3, &says);
     }
 }

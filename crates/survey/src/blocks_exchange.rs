@@ -156,10 +156,9 @@ fn world(definition: &str) -> Result<World, String> {
 }
 
 fn take_photo(photo: &Element, group: &PhotoGroup, poses: &mut Poses) {
-    let name = photo.text_of("ImagePath").map_or_else(
-        || format!("photo {}", photo.text_of("Id").unwrap_or("without id")),
-        str::to_owned,
-    );
+    let name = photo
+        .text_of("ImagePath")
+        .map_or_else(|| format!("photo {}", photo.text_of("Id").unwrap_or("without id")), str::to_owned);
     let Some(pose) = photo.child("Pose").filter(|pose| pose.child("Center").is_some()) else {
         return poses.refuse("photo_without_pose", &name, "the photo has no pose (it was not aligned)");
     };

@@ -194,15 +194,21 @@ impl Chunk {
             .get(master_id)
             .ok_or_else(|| no_rig(format!("its master, camera {master_id}, is not in the file")))?;
         let label = &master.label;
-        let matrix = master.transform.as_ref().ok_or_else(|| {
-            ("photo_without_pose", format!("its master {label} is not aligned: it has no transform"))
-        })?;
+        let matrix = master
+            .transform
+            .as_ref()
+            .ok_or_else(|| ("photo_without_pose", format!("its master {label} is not aligned: it has no transform")))?;
         let mounting = self.mountings.get(&shot.sensor).filter(|mounting| mounting.master_sensor == master.sensor);
         let mounting = mounting.ok_or_else(|| {
-            no_rig(format!("its sensor {} is not mounted on sensor {} of its master {label}", shot.sensor, master.sensor))
+            no_rig(format!(
+                "its sensor {} is not mounted on sensor {} of its master {label}",
+                shot.sensor, master.sensor
+            ))
         })?;
-        let (rotation, location) =
-            mounting.master_from_camera.clone().map_err(|reason| no_rig(format!("{reason} (its master is {label})")))?;
+        let (rotation, location) = mounting
+            .master_from_camera
+            .clone()
+            .map_err(|reason| no_rig(format!("{reason} (its master is {label})")))?;
         let (chunk_from_master, centre) = rigid(matrix).map_err(unusable)?;
         let rigid = (chunk_from_master * rotation, centre + chunk_from_master * location);
         Ok(ChunkPose { rigid, counted_by: master })
@@ -216,7 +222,8 @@ impl Chunk {
             |_, shot| shot.groups.clone(),
             |chunk, shot| shot.groups.iter().chain(chunk.sensor_labels.get(&shot.sensor)).cloned().collect(),
         ];
-        let mut ways = folders.map(|folders| self.shots.iter().map(move |shot| shot.named(&folders(self, shot))).collect());
+        let mut ways =
+            folders.map(|folders| self.shots.iter().map(move |shot| shot.named(&folders(self, shot))).collect());
         let is_posed = |shot: &MetashapeCamera| shot.is_enabled && (shot.transform.is_some() || shot.master.is_some());
         let is_distinct = |names: &Vec<String>| {
             let mut found = BTreeSet::new();
@@ -288,7 +295,11 @@ fn shot(camera: &Element, groups: &[String]) -> Result<MetashapeCamera, String> 
         component: text("component_id"),
         is_enabled,
         // That of a camera that is not used matters to those that are mounted with it alone.
-        transform: camera.child("transform").map(Element::numbers).transpose().or_else(|e| if is_enabled { Err(e) } else { Ok(None) })?,
+        transform: camera
+            .child("transform")
+            .map(Element::numbers)
+            .transpose()
+            .or_else(|e| if is_enabled { Err(e) } else { Ok(None) })?,
         id: text("id").unwrap_or_default(),
         master: text("master_id"),
         groups: groups.to_vec(),
@@ -443,10 +454,25 @@ mod tests {
     fn a_rig_that_cannot_be_read_is_refused_with_its_master() {
         let unaligned = "<camera id=\"7\" sensor_id=\"0\" label=\"nadir\"/>";
         for (master, sensor, camera, expected) in [
-            (MASTER, "", CAMERA, "rigs are not read: its sensor has no <rotation> to that of its master (its master is nadir)"),
+            (
+                MASTER,
+                "",
+                CAMERA,
+                "rigs are not read: its sensor has no <rotation> to that of its master (its master is nadir)",
+            ),
             (MASTER, "<rotation>1 2</rotation>", CAMERA, "rigs are not read: <rotation> has 2 numbers: expected 9"),
-            (MASTER, SENSOR, &CAMERA.replace("sensor_id=\"1\"", "sensor_id=\"0\""), "is not mounted on sensor 0 of its master nadir"),
-            (MASTER, SENSOR, &CAMERA.replace("master_id=\"7\"", "master_id=\"6\""), "its master, camera 6, is not in the file"),
+            (
+                MASTER,
+                SENSOR,
+                &CAMERA.replace("sensor_id=\"1\"", "sensor_id=\"0\""),
+                "is not mounted on sensor 0 of its master nadir",
+            ),
+            (
+                MASTER,
+                SENSOR,
+                &CAMERA.replace("master_id=\"7\"", "master_id=\"6\""),
+                "its master, camera 6, is not in the file",
+            ),
             (unaligned, SENSOR, CAMERA, "its master nadir is not aligned"),
         ] {
             let poses = rig(master, sensor, camera).unwrap();

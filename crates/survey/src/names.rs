@@ -50,7 +50,8 @@ pub(crate) fn key(part: &str) -> String {
 
 /// Whether two parts of a path are equal but for the system that wrote them.
 pub(crate) fn are_alike(a: &str, b: &str) -> bool {
-    a == b || key(a) == key(b)
+    let is_plain = |part: &str| part.is_ascii() && !part.contains('%');
+    a.eq_ignore_ascii_case(b) || (!(is_plain(a) && is_plain(b)) && key(a) == key(b))
 }
 
 fn without_scheme(path: &str) -> &str {
@@ -127,7 +128,8 @@ fn parts_needed(all: &[Written<'_>]) -> usize {
         .collect();
     from_the_end.sort();
     from_the_end.dedup_by(|a, b| a.0 == b.0);
-    let shared = from_the_end.windows(2).filter(|pair| pair[0].1 || pair[1].1).map(|pair| n_equal(&pair[0].0, &pair[1].0));
+    let shared =
+        from_the_end.windows(2).filter(|pair| pair[0].1 || pair[1].1).map(|pair| n_equal(&pair[0].0, &pair[1].0));
     shared.max().unwrap_or(0) + 1
 }
 
@@ -211,7 +213,8 @@ mod tests {
     fn a_photo_without_a_pose_takes_no_name_from_one_that_has_it() {
         let mut poses = Poses { names: NameStyle::Path, ..Poses::new() };
         poses.poses = vec![pose("D:/left/1.jpg")];
-        poses.issues = ["D:/left/1.jpg", "D:/right/1.jpg", "D:/right/2.jpg"].map(|name| refused("c", name, "")).to_vec();
+        poses.issues =
+            ["D:/left/1.jpg", "D:/right/1.jpg", "D:/right/2.jpg"].map(|name| refused("c", name, "")).to_vec();
         settle(&mut poses);
         let subjects: Vec<String> = poses.issues.iter().map(|issue| format!("{:?}", issue.subject)).collect();
         assert_eq!(subjects, [r#"View("1.jpg")"#, r#"View("D/right/1.jpg")"#, r#"View("2.jpg")"#]);

@@ -224,7 +224,9 @@ impl IndexedPhoto {
 /// A photo's name without extension, and the extension, in one form for each kind of file; what is no photo's extension belongs to
 /// the name.
 fn apart(name: &str) -> (&str, Option<&'static str>) {
-    let Some((stem, extension)) = name.rsplit_once('.').filter(|(stem, _)| !stem.is_empty()) else { return (name, None) };
+    let Some((stem, extension)) = name.rsplit_once('.').filter(|(stem, _)| !stem.is_empty()) else {
+        return (name, None);
+    };
     let known = PHOTO_EXTENSIONS.iter().find(|known| extension.eq_ignore_ascii_case(known));
     match known {
         Some(&"jpeg") => (stem, Some("jpg")),
@@ -246,7 +248,8 @@ pub(crate) fn attach(
     let index = PhotoIndex::new(files.iter().map(PathBuf::as_path), folder);
     let with_view: BTreeSet<&str> = views.iter().map(|view| view.id.0.as_str()).collect();
     let without_view = already_refused.iter().map(String::as_str).filter(|name| !with_view.contains(name));
-    let poses: Vec<String> = views.iter().map(|view| view.id.0.as_str()).chain(without_view).map(str::to_owned).collect();
+    let poses: Vec<String> =
+        views.iter().map(|view| view.id.0.as_str()).chain(without_view).map(str::to_owned).collect();
     let names: Vec<&str> = poses.iter().map(|name| written.get(name).unwrap_or(name).as_str()).collect();
     let mut issues = Vec::new();
     let mut is_used = vec![false; files.len()];
@@ -558,9 +561,7 @@ mod tests {
 
     #[test]
     fn a_rig_of_five_lenses_has_all_its_poses_and_photos_in_opf() {
-        let item = |kind: &str, file: &str, format: &str| {
-            serde_json::json!({ "type": kind, "resources": [{ "uri": file, "format": format!("application/opf-{format}+json") }] })
-        };
+        let item = |kind: &str, file: &str, format: &str| serde_json::json!({ "type": kind, "resources": [{ "uri": file, "format": format!("application/opf-{format}+json") }] });
         let project = serde_json::json!({ "items": [
             item("camera_list", "list.json", "camera-list"),
             item("input_cameras", "input.json", "input-cameras"),
@@ -683,7 +684,10 @@ mod tests {
         let survey = survey_of(&["left/1.jpg", "right/1.jpg"], &["1.jpg"]);
         assert!(survey.views.iter().all(|view| view.image.is_none()));
         let messages: Vec<&str> = survey.issues.iter().map(|issue| issue.message.as_str()).collect();
-        assert!(messages[0].contains("1.jpg fits right/1.jpg") && messages[1].contains("1.jpg fits left/1.jpg"), "{messages:?}");
+        assert!(
+            messages[0].contains("1.jpg fits right/1.jpg") && messages[1].contains("1.jpg fits left/1.jpg"),
+            "{messages:?}"
+        );
         let survey = survey_of(&["left/1.jpg", "right/1.jpg"], &["right/1.jpg"]);
         assert!(survey.issues[0].message.contains("right/1.jpg is that of right/1.jpg"), "{:?}", survey.issues);
     }
