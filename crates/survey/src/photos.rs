@@ -111,7 +111,7 @@ enum Found {
     /// None of the name.
     Nothing,
     /// Several that fit equally well.
-    Several(usize, usize),
+    Several(Vec<usize>),
     /// One that fits another pose equally well, or better.
     Shared { photo: usize, other: usize, is_better: bool },
 }
@@ -159,11 +159,11 @@ impl PhotoIndex {
             [(photo, fit)] => match owners[&photo] {
                 (_, owner, None) if owner == pose => Found::Photo { photo, is_exact: fit.is_exact() },
                 (best, owner, second) => {
-                    let other = if owner == pose { second.unwrap_or(owner) } else { owner };
+                    let other = second.filter(|_| owner == pose).unwrap_or(owner);
                     Found::Shared { photo, other, is_better: best > fit }
                 }
             },
-            [(one, _), (other, _), ..] => Found::Several(one, other),
+            _ => Found::Several(fits.iter().map(|(photo, _)| *photo).collect()),
         });
         found.collect()
     }
@@ -256,8 +256,8 @@ pub(crate) fn attach(
     let mut differing = Vec::new();
     let matching = Matching { poses: &poses, files: &files, folder };
     for (i, found) in index.find_all(&names).into_iter().enumerate() {
-        match found {
-            Found::Photo { photo, is_exact } => {
+        match &found {
+            &Found::Photo { photo, is_exact } => {
                 is_used[photo] = true;
                 if let Some(view) = views.get_mut(i) {
                     view.image = Some(files[photo].clone());
@@ -265,8 +265,8 @@ pub(crate) fn attach(
                 }
                 continue;
             }
-            Found::Several(one, other) => (is_used[one], is_used[other]) = (true, true),
-            Found::Shared { photo, .. } => is_used[photo] = true,
+            Found::Several(photos) => photos.iter().for_each(|photo| is_used[*photo] = true),
+            Found::Shared { photo, .. } => is_used[*photo] = true,
             Found::Nothing => {}
         }
         issues.extend((i < views.len()).then(|| matching.issue(i, &found)));
@@ -302,23 +302,24 @@ impl Matching<'_> {
         let folder = self.folder.display();
         let missing = format!("there is no photo of this name in {folder}");
         let look = "check `images`; the view is used as far as it needs no pixels";
-        let (code, message, hint) = match *found {
-            Found::Several(one, other) => (
+        let (code, message, hint) = match found {
+            Found::Several(photos) => (
                 "duplicate_photo_name",
                 format!(
-                    "several photos in {folder} have this name and fit equally well: {} and {}",
-                    self.photo(one),
-                    self.photo(other)
+                    "{} photos in {folder} have this name and fit equally well, such as {} and {}",
+                    photos.len(),
+                    self.photo(photos[0]),
+                    self.photo(photos[1])
                 ),
                 "name the photos by their folder too, as in `flight1/IMG_1.jpg`",
             ),
             Found::Shared { photo, other, is_better: false } => (
                 "duplicate_photo_name",
-                format!("the photo {} fits {} equally well: neither has it", self.photo(photo), self.poses[other]),
+                format!("the photo {} fits {} equally well: neither has it", self.photo(*photo), self.poses[*other]),
                 "keep the photos in folders as the poses name them, as in `flight1/IMG_1.jpg`",
             ),
             Found::Shared { photo, other, is_better: true } => {
-                let message = format!("{missing}: {} is that of {}", self.photo(photo), self.poses[other]);
+                let message = format!("{missing}: {} is that of {}", self.photo(*photo), self.poses[*other]);
                 ("pose_without_photo", message, look)
             }
             Found::Nothing | Found::Photo { .. } => ("pose_without_photo", missing, look),
@@ -677,10 +678,14 @@ mod tests {
 
     #[test]
     fn a_match_that_is_in_doubt_is_refused_with_both_names() {
-        let survey = survey_of(&["1.jpg"], &["left/1.jpg", "right/1.jpg"]);
+        let survey = survey_of(&["1.jpg"], &["back/1.jpg", "left/1.jpg", "right/1.jpg"]);
         let [issue] = &survey.issues[..] else { panic!("{:?}", survey.issues) };
         assert_eq!(issue.code, "duplicate_photo_name");
-        assert!(issue.message.contains("left/1.jpg and right/1.jpg"), "{}", issue.message);
+        assert!(
+            issue.message.contains("3 photos") && issue.message.contains("back/1.jpg and left/1.jpg"),
+            "{}",
+            issue.message
+        );
         let survey = survey_of(&["left/1.jpg", "right/1.jpg"], &["1.jpg"]);
         assert!(survey.views.iter().all(|view| view.image.is_none()));
         let messages: Vec<&str> = survey.issues.iter().map(|issue| issue.message.as_str()).collect();
