@@ -272,15 +272,20 @@ pub(crate) fn attach(
         issues.extend((i < views.len()).then(|| matching.issue(i, &found)));
     }
     issues.extend(matching.note(&differing));
+    let advice = if !poses.is_empty() && views.iter().all(|view| view.image.is_none()) {
+        format!(
+            "no pose has its photo here; the poses are named as in {:?}: name the photos alike, or check `images`",
+            poses[0]
+        )
+    } else {
+        "if its pose was left out of the export, export it again; photos that were not aligned have none".to_owned()
+    };
     issues.extend(whole::check(views));
     for (path, _) in files.iter().zip(is_used).filter(|(path, used)| !used && !is_map(path)) {
         let name = below(path, folder).to_string_lossy().into_owned();
         let message = "the survey has no pose for this photo".to_owned();
-        issues.push(
-            Issue::new(Severity::Refused, "photo_without_pose", Subject::View(name), message).hint(
-                "if its pose was left out of the export, export it again; photos that were not aligned have none",
-            ),
-        );
+        let issue = Issue::new(Severity::Refused, "photo_without_pose", Subject::View(name), message);
+        issues.push(issue.hint(advice.clone()));
     }
     Ok(issues)
 }
@@ -707,6 +712,9 @@ mod tests {
 
     #[test]
     fn a_mismatch_shows_a_pose_and_a_photo_side_by_side() {
+        let issues = survey_of(&["IMG_1.jpg"], &["DSC_1.JPG"]).issues;
+        let hints: Vec<&str> = issues.iter().filter_map(|issue| issue.hint.as_deref()).collect();
+        assert!(hints[0].contains("named as in \"IMG_1.jpg\""), "{issues:?}");
         let folder = tempfile::tempdir().unwrap();
         let views = survey_of(&["IMG_1.jpg", "IMG_2.jpg"], &["x.jpg"]).views;
         assert!(mismatch(&views, folder.path()).contains("there is no photo in"));
