@@ -9,17 +9,27 @@
 //! u = w/2 + cx + x_d f + x_d B1 + y_d B2,   v = h/2 + cy + y_d f
 //! ```
 //!
-//! Source: Agisoft Metashape manual, appendix "Camera models". The reference frame of `EPSG:4978` follows from files.
+//! Files of `PhotoScan` before `f` have two focal lengths, the principal point from the top-left corner, a skew in pixels, and
+//! P1 and P2 in the other order:
+//!
+//! ```text
+//! x_d = x (1 + …) + P2 (r² + 2x²) + 2 P1 x y,   u = cx + x_d fx + y_d skew,   v = cy + y_d fy
+//! ```
+//!
+//! Source: Agisoft Metashape manual, appendix "Camera models", and that of older `PhotoScan` manuals. The reference frame
+//! of `EPSG:4978` follows from files.
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufReader;
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 
 use super::angles::{nearest_rotation, rows};
+use super::blocks_exchange::{is_tangential, tangential_order_assumed};
+use super::config::TangentialOrder;
 use super::formats::FileMarks;
+use super::heights::FileUnits;
 use super::poses::{Pose, Poses, World};
 use super::xml::{Element, Xml, XmlStep};
 use super::{SurveyConfig, SurveyError};
@@ -52,8 +62,8 @@ pub(crate) fn recognises(marks: &FileMarks) -> bool {
 pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let path = config.path.as_path();
     let file = File::open(path).map_err(FileError::on("cannot open", path))?;
-    let mut xml = Xml::new(BufReader::with_capacity(1 << 18, file), path);
-    let mut poses = Poses::new();
+    let mut xml = Xml::new(file, path);
+    let mut poses = Poses { units: FileUnits::ONE_SCALE, ..Poses::new() };
     let mut chunk = Chunk::default();
     loop {
         match xml.step()? {
@@ -63,7 +73,12 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
                 "sensor" => {
                     let sensor = xml.element(start)?;
                     let id = sensor.attribute("id").unwrap_or_default().to_owned();
-                    chunk.sensors.insert(id, camera_of(&sensor).map(Arc::new));
+                    let camera = camera_of(&sensor, config.tangential.unwrap_or_default());
+                    let is_assumed = camera.as_ref().is_ok_and(|(camera, is_old)| *is_old && is_tangential(camera));
+                    if is_assumed && config.tangential.is_none() && poses.issues.is_empty() {
+                        poses.issues.push(tangential_order_assumed(path));
+                    }
+                    chunk.sensors.insert(id, camera.map(|(camera, _)| Arc::new(camera)));
                 }
                 "component" => {
                     let component = xml.element(start)?;
@@ -100,7 +115,7 @@ struct Chunk {
 }
 
 impl Chunk {
-    fn finish<R: std::io::BufRead>(self, poses: &mut Poses, xml: &Xml<R>) -> Result<(), SurveyError> {
+    fn finish<R: std::io::Read>(self, poses: &mut Poses, xml: &Xml<R>) -> Result<(), SurveyError> {
         if self.shots.is_empty() {
             return Ok(());
         }
@@ -205,8 +220,9 @@ fn similarity_of_matrix(m: &[f64]) -> Result<Similarity, String> {
     })
 }
 
-/// The adjusted calibration of a sensor, else its first one.
-fn camera_of(sensor: &Element) -> Result<Camera, String> {
+/// The adjusted calibration of a sensor, else its first one, and whether it is one of the old form, whose P1 and P2 are in the
+/// order `tangential`.
+fn camera_of(sensor: &Element, tangential: TangentialOrder) -> Result<(Camera, bool), String> {
     let calibration = sensor
         .all("calibration")
         .find(|c| c.attribute("class") == Some("adjusted"))
@@ -219,43 +235,36 @@ fn camera_of(sensor: &Element) -> Result<Camera, String> {
     };
     let (width_px, height_px) = (side("width")?, side("height")?);
     let number = |name: &str| calibration.number(name).map(|value| value.unwrap_or(0.0));
-    let focal_px = match calibration.number("f")? {
-        Some(focal_px) => focal_px,
-        None => calibration.number("fx")?.ok_or("the calibration has no focal length")?,
+    let is_old = calibration.child("f").is_none();
+    let middle_px = (f64::from(width_px) / 2.0, f64::from(height_px) / 2.0);
+    let from_corner = |name: &str, middle_px: f64| calibration.number(name).map(|value| value.unwrap_or(middle_px));
+    let (fx_px, fy_px, cx_px, cy_px, skew_px) = if is_old {
+        let fx_px = calibration.number("fx")?.ok_or("the calibration has no focal length")?;
+        let fy_px = calibration.number("fy")?.unwrap_or(fx_px);
+        (fx_px, fy_px, from_corner("cx", middle_px.0)?, from_corner("cy", middle_px.1)?, number("skew")?)
+    } else {
+        let focal_px = number("f")?;
+        let centre_px = (middle_px.0 + number("cx")?, middle_px.1 + number("cy")?);
+        (focal_px + number("b1")?, focal_px, centre_px.0, centre_px.1, number("b2")?)
     };
     let [k1, k2, k3, k4] = [number("k1")?, number("k2")?, number("k3")?, number("k4")?];
     if number("p3")? != 0.0 || number("p4")? != 0.0 {
         return Err("tangential terms p3, p4 are not supported: undistort the photos, or calibrate without".to_owned());
     }
-    let (b1_px, b2_px) = (number("b1")?, number("b2")?);
-    let fx_px = focal_px + b1_px;
+    let order = if is_old { tangential } else { TangentialOrder::Metashape };
+    let [p1, p2] = order.opencv([number("p1")?, number("p2")?]);
     let distortion = match calibration.attribute("type").or_else(|| sensor.attribute("type")).unwrap_or("frame") {
-        "frame" => {
-            // Metashape's P1, P2 are OpenCV's p2, p1.
-            let (p1, p2) = (number("p2")?, number("p1")?);
-            if k4 == 0.0 && b2_px == 0.0 {
-                Distortion::brown([k1, k2, k3], [p1, p2])
-            } else {
-                Distortion::BrownAffine { k1, k2, k3, k4, p1, p2, skew: b2_px / fx_px }
-            }
-        }
+        "frame" if k4 == 0.0 && skew_px == 0.0 => Distortion::brown([k1, k2, k3], [p1, p2]),
+        "frame" => Distortion::BrownAffine { k1, k2, k3, k4, p1, p2, skew: skew_px / fx_px },
         "fisheye" | "equidistant_fisheye" => {
-            if number("p1")? != 0.0 || number("p2")? != 0.0 || b2_px != 0.0 {
+            if p1 != 0.0 || p2 != 0.0 || skew_px != 0.0 {
                 return Err("a fisheye with tangential or skew terms is not supported: undistort the photos".to_owned());
             }
             Distortion::Fisheye { k1, k2, k3, k4 }
         }
         other => return Err(format!("sensor type {other} is not supported: expected frame or fisheye")),
     };
-    let camera = Camera {
-        width_px,
-        height_px,
-        fx_px,
-        fy_px: focal_px,
-        cx_px: f64::from(width_px) / 2.0 + number("cx")?,
-        cy_px: f64::from(height_px) / 2.0 + number("cy")?,
-        distortion,
-    };
+    let camera = Camera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion };
     camera.validate().map_err(|e| e.to_string())?;
-    Ok(camera)
+    Ok((camera, is_old))
 }

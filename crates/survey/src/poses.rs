@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 
 use super::angles::North;
+use super::heights::FileUnits;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::camera::Camera;
@@ -57,6 +58,8 @@ pub(crate) struct Poses {
     pub north: North,
     /// Kind of its heights.
     pub heights: FileHeights,
+    /// Units of its positions.
+    pub units: FileUnits,
     /// Poses in the file's order.
     pub poses: Vec<Pose>,
     /// Poses that the reader refused.
@@ -82,6 +85,7 @@ impl Poses {
             world: World::Unsaid,
             north: North::Grid,
             heights: FileHeights::Unsaid,
+            units: FileUnits::default(),
             poses: Vec::new(),
             issues: Vec::new(),
         }
@@ -89,7 +93,7 @@ impl Poses {
 
     /// The same world without its poses and issues.
     pub(crate) fn clone_empty(&self) -> Self {
-        Self { world: self.world.clone(), north: self.north, heights: self.heights, ..Self::new() }
+        Self { world: self.world.clone(), north: self.north, heights: self.heights, units: self.units, ..Self::new() }
     }
 
     /// Records that a pose cannot be used.
