@@ -214,6 +214,12 @@ impl ColumnPositions {
         if self.camera[..3].iter().any(Option::is_none) {
             return Err("there is no camera: neither columns width, height, fx nor [survey.camera]".to_owned());
         }
+        // RealityScan's names: mm of 36 mm film, of which the program's own table has no size of the image either.
+        let is_realityscan = self.camera[2].is_some_and(|column| header.is_one_of(column, &["f"]));
+        if is_realityscan && header.seek("px").is_some() && header.seek("py").is_some() {
+            let message = "the columns f, px, py are RealityScan's, which count in 36 mm film: declare the camera under [survey.camera]";
+            return Err(message.to_owned());
+        }
         for column in self.camera[..N_IN_PIXELS].iter().flatten() {
             if !matches!(header.unit(*column)?, None | Some(ColumnUnit::Pixels)) {
                 return Err(header.wrong_unit(*column, "pixels; or declare the camera under [survey.camera]"));
@@ -424,3 +430,6 @@ impl<R: std::io::Read> std::io::Read for OneSpace<R> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -280,3 +280,45 @@ impl std::fmt::Display for HeightConversion {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const US_FOOT_M: f64 = 1200.0 / 3937.0;
+
+    fn unit_m(units: FileUnits, world: &str, config: &HeightConfig) -> Result<f64, String> {
+        units.height_unit_m(config, &Crs::parse(world).unwrap()).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn the_unit_of_heights_is_stated_by_file_crs_or_one_scale_and_asked_for_otherwise() {
+        let unsaid = FileUnits::default();
+        let said = |unit_m: f64| FileUnits { plane_m: None, heights: HeightUnit::Metres(unit_m) };
+        let no_choice = HeightConfig::default();
+        for (units, world, expected) in [
+            (unsaid, "EPSG:25832", 1.0),
+            (unsaid, "EPSG:4326", 1.0),
+            (unsaid, "EPSG:4979", 1.0),
+            (unsaid, "EPSG:2263+6360", US_FOOT_M),
+            (unsaid, "EPSG:2263+5703", 1.0),
+            (FileUnits::ONE_SCALE, "EPSG:2263", US_FOOT_M),
+            (FileUnits::ONE_SCALE, "EPSG:2868", 0.3048),
+            (FileUnits::ONE_SCALE, "EPSG:25832", 1.0),
+            (said(0.3048), "EPSG:25832", 0.3048),
+            (said(1.0), "EPSG:2263", 1.0),
+            (said(1.0), "EPSG:2263+6360", 1.0),
+        ] {
+            let found = unit_m(units, world, &no_choice).unwrap();
+            assert!((found - expected).abs() < 1e-15, "{units:?} {world}: {found}");
+        }
+        let asked = unit_m(unsaid, "EPSG:2263", &no_choice).unwrap_err();
+        assert!(asked.contains("counts positions in feet") && asked.contains("EPSG:2263+5703"), "{asked}");
+        let vertical = HeightConfig {
+            crs: Some(Crs::parse("EPSG:6360").unwrap()),
+            reference: Some(VerticalDatum::Orthometric),
+            ..no_choice
+        };
+        assert!((unit_m(unsaid, "EPSG:2263", &vertical).unwrap() - US_FOOT_M).abs() < 1e-15);
+    }
+}

@@ -268,3 +268,55 @@ fn camera_of(sensor: &Element, tangential: TangentialOrder) -> Result<(Camera, b
     camera.validate().map_err(|e| e.to_string())?;
     Ok((camera, is_old))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A camera whose sensor has this calibration, in an encoding of its declaration.
+    fn read_calibration(calibration: &str, tangential: Option<TangentialOrder>) -> Poses {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cameras.xml");
+        let xml = format!(
+            "<?xml version=\"1.0\" encoding=\"ISO-8859-1\"?><document version=\"1.2.0\"><chunk><sensors><sensor id=\"0\" type=\"frame\">\
+             <resolution width=\"320\" height=\"240\"/><calibration type=\"frame\" class=\"adjusted\">{calibration}</calibration></sensor>\
+             </sensors><cameras><camera id=\"0\" sensor_id=\"0\" label=\"Straße\"><transform>1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1</transform>\
+             </camera></cameras></chunk></document>"
+        );
+        let latin_1: Vec<u8> = xml.chars().map(|c| u8::try_from(u32::from(c)).unwrap()).collect();
+        std::fs::write(&path, latin_1).unwrap();
+        read(&SurveyConfig { tangential, ..SurveyConfig::at(path) }).unwrap()
+    }
+
+    #[test]
+    fn photoscans_calibration_has_two_focal_lengths_and_its_principal_point_from_the_corner() {
+        let old = "<fx>300</fx><fy>294</fy><cx>147.5</cx><cy>127.25</cy><skew>3</skew><k1>0.1</k1>";
+        let poses = read_calibration(old, None);
+        let pose = &poses.poses[0];
+        assert_eq!(pose.name, "Straße");
+        let camera = &pose.camera;
+        assert_eq!((camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px), (300.0, 294.0, 147.5, 127.25));
+        let expected = Distortion::BrownAffine { k1: 0.1, k2: 0.0, k3: 0.0, k4: 0.0, p1: 0.0, p2: 0.0, skew: 0.01 };
+        assert_eq!(camera.distortion, expected);
+        assert_eq!(poses.issues, []);
+        let without = read_calibration("<fx>300</fx>", None);
+        let camera = &without.poses[0].camera;
+        assert_eq!((camera.fy_px, camera.cx_px, camera.cy_px), (300.0, 160.0, 120.0));
+    }
+
+    #[test]
+    fn the_order_of_photoscans_tangential_terms_is_told_or_declared() {
+        let old = "<fx>300</fx><fy>300</fy><p1>0.001</p1><p2>0.002</p2>";
+        let terms = |poses: &Poses| match poses.poses[0].camera.distortion {
+            Distortion::Brown { p1, p2, .. } => (p1, p2),
+            ref other => panic!("{other:?}"),
+        };
+        let assumed = read_calibration(old, None);
+        assert_eq!((terms(&assumed), assumed.issues[0].code.as_str()), ((0.001, 0.002), "tangential_order_assumed"));
+        let declared = read_calibration(old, Some(TangentialOrder::Metashape));
+        assert_eq!((terms(&declared), declared.issues.len()), ((0.002, 0.001), 0));
+        let new = read_calibration("<f>300</f><cx>1</cx><cy>-2</cy><p1>0.001</p1><p2>0.002</p2>", None);
+        assert_eq!((terms(&new), new.issues.len()), ((0.002, 0.001), 0));
+        assert_eq!((new.poses[0].camera.cx_px, new.poses[0].camera.cy_px), (161.0, 118.0));
+    }
+}

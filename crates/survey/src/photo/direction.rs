@@ -162,3 +162,94 @@ pub(super) fn remark(directions: &[Direction]) -> Vec<Issue> {
     }
     issues
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::photo::xmp;
+    use std::path::Path;
+
+    /// Tags of a packet with these attributes and elements.
+    fn tags(attributes: &str, elements: &str) -> Tags {
+        let packet = format!(
+            "<x:xmpmeta xmlns:x=\"adobe:ns:meta/\"><rdf:RDF xmlns:rdf=\"r\"><rdf:Description xmlns:Camera=\"http://pix4d.com/camera/1.0/\" \
+             {attributes}>{elements}</rdf:Description></rdf:RDF></x:xmpmeta>"
+        );
+        xmp::tags(packet.as_bytes(), Path::new("a.jpg")).unwrap()
+    }
+
+    fn header(make: &str) -> PhotoHeader {
+        PhotoHeader::with_make(make)
+    }
+
+    fn rotation(attributes: &str, elements: &str) -> DMat3 {
+        of(&header(""), &tags(attributes, elements)).unwrap().camera_from_world
+    }
+
+    fn is_near(a: DMat3, b: DMat3) -> bool {
+        (a - b).to_cols_array().iter().all(|off| off.abs() < 1e-12)
+    }
+
+    const DJI: &str =
+        "drone-dji:GimbalYawDegree=\"+30\" drone-dji:GimbalPitchDegree=\"-47.5\" drone-dji:GimbalRollDegree=\"0\"";
+
+    #[test]
+    fn each_makers_tags_of_one_view_give_one_rotation() {
+        let expected = rotation(DJI, "");
+        let parrot = "<drone-parrot:CameraYawDegree>30.0</drone-parrot:CameraYawDegree><drone-parrot:CameraPitchDegree>-47.5\
+                      </drone-parrot:CameraPitchDegree><drone-parrot:CameraRollDegree>0</drone-parrot:CameraRollDegree>";
+        let skydio = "<drone-skydio:VehicleOrientationNED rdf:parseType=\"Resource\"><drone-skydio:Yaw>1</drone-skydio:Yaw>\
+                      <drone-skydio:Pitch>2</drone-skydio:Pitch><drone-skydio:Roll>3</drone-skydio:Roll>\
+                      </drone-skydio:VehicleOrientationNED>\
+                      <drone-skydio:CameraOrientationNED rdf:parseType=\"Resource\"><drone-skydio:Roll>0</drone-skydio:Roll>\
+                      <drone-skydio:Pitch>-47.5</drone-skydio:Pitch><drone-skydio:Yaw>30</drone-skydio:Yaw>\
+                      </drone-skydio:CameraOrientationNED>";
+        let skydio_attributes = "<drone-skydio:CameraOrientationNED drone-skydio:Roll=\"0\" drone-skydio:Pitch=\"-47.5\" \
+                                 drone-skydio:Yaw=\"30\"/>";
+        for (maker, found) in [
+            ("Autel", rotation(&DJI.replace("drone-dji", "drone"), "")),
+            ("Parrot", rotation("", parrot)),
+            ("Parrot before Pix4D's", rotation("Camera:Yaw=\"1\" Camera:Pitch=\"2\" Camera:Roll=\"3\"", parrot)),
+            ("Skydio", rotation("", skydio)),
+            ("Skydio's attributes", rotation("", skydio_attributes)),
+            ("Pix4D", rotation("Camera:Yaw=\"30\" Camera:Pitch=\"42.5\" Camera:Roll=\"0\"", "")),
+            (
+                "fractions",
+                rotation(
+                    "",
+                    "<Camera:Yaw>3000/100</Camera:Yaw><Camera:Pitch>85/2</Camera:Pitch><Camera:Roll>0/1</Camera:Roll>",
+                ),
+            ),
+        ] {
+            assert!(is_near(found, expected), "{maker}: {found}");
+        }
+        let pitch_deg =
+            of(&header(""), &tags("Camera:Yaw=\"30\" Camera:Pitch=\"42.5\" Camera:Roll=\"0\"", "")).unwrap().pitch_deg;
+        assert!((pitch_deg + 47.5).abs() < 1e-9, "{pitch_deg}");
+    }
+
+    #[test]
+    fn the_sign_of_senseflys_roll_is_told_once() {
+        let camera = tags("Camera:Yaw=\"30\" Camera:Pitch=\"4\" Camera:Roll=\"-6\"", "");
+        let by = |make: &str| of(&header(make), &camera).unwrap();
+        let codes =
+            |directions: &[Direction]| remark(directions).into_iter().map(|issue| issue.code).collect::<Vec<_>>();
+        assert_eq!(codes(&[by("senseFly"), by("senseFly")]), ["view_directions", "roll_sign_assumed"]);
+        assert!(remark(&[by("senseFly")])[1].message.contains("6.0°"));
+        assert_eq!(codes(&[by("Sentera")]), ["view_directions"]);
+        let dji = of(&header("DJI"), &tags(DJI, "")).unwrap();
+        assert_eq!(codes(&[dji]), Vec::<String>::new());
+    }
+
+    #[test]
+    fn a_photo_without_a_direction_names_the_tags_that_look_like_one() {
+        let reason = |attributes: &str| of(&header("X"), &tags(attributes, "")).unwrap_err();
+        let unread = reason("FLIR:MAVYaw=\"3\" FLIR:MAVPitch=\"4\" FLIR:Emissivity=\"1\"");
+        assert!(unread.contains("lack GimbalYawDegree") && unread.contains("FLIR:MAVPitch, FLIR:MAVYaw"), "{unread}");
+        assert!(!unread.contains("Emissivity"), "{unread}");
+        let partly = reason("Camera:Yaw=\"3\" Camera:Pitch=\"4\"");
+        assert!(partly.contains("lack Camera:Roll") && partly.contains("Camera:Pitch"), "{partly}");
+        assert!(reason("Camera:Yaw=\"north\"").contains("expected a number"));
+        assert_eq!(reason(""), "its metadata lack GimbalYawDegree: the direction of view is unknown");
+    }
+}
