@@ -8,7 +8,7 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 use sizeup::camera::Distortion;
 use sizeup::crs::{Crs, Geocentric, Transform, enu_from_geocentric};
-use sizeup::survey::{self, CameraConfig, Format, HeightConfig, Survey, SurveyConfig, VerticalDatum, View};
+use sizeup::survey::{self, CameraConfig, Format, HeightConfig, Site, Survey, SurveyConfig, VerticalDatum, View};
 
 /// Rows of `camera_from_world` (x right; y down; z forward) in east, north, up.
 pub const ROWS: [[f64; 3]; 3] = [
@@ -545,6 +545,9 @@ fn photos_of_other_drones_than_djis_have_poses_by_pix4ds_tags() {
     }
     let codes: Vec<&str> = survey.issues.iter().map(|issue| issue.code.as_str()).collect();
     assert!(codes.contains(&"view_directions"), "{codes:?}");
+    // Remarks are no poses.
+    let (_, report) = survey::inspect(&config, &utm(), Site::default()).unwrap();
+    assert_eq!((report.n_poses, report.n_views), (3, 2));
     let refused = survey.issues.iter().find(|issue| issue.code == "photo_without_pose").unwrap();
     assert!(refused.message.contains("it has FLIR:MAVYaw"), "{refused:?}");
 }

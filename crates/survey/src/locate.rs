@@ -149,7 +149,8 @@ pub(crate) fn locate(
     config: &SurveyConfig,
     project_crs: &Crs,
 ) -> Result<(Survey, Facts), SurveyError> {
-    let n_read = poses.poses.len() + poses.issues.len();
+    let is_refused = |issue: &&Issue| issue.severity == Severity::Refused;
+    let n_read = poses.poses.len() + poses.issues.iter().filter(is_refused).count();
     let (world, offset) = world_crs(&mut poses, config, project_crs)?;
     suggest_projected(&poses, &world, project_crs)?;
     let heights = match HeightConversion::decide(&config.height, poses.heights, &world, project_crs) {
