@@ -9,7 +9,8 @@ use sizeup_survey::PhotoFacts;
 const THUMBNAIL_PX: u32 = 320;
 /// Remedy for photos without poses.
 const ALIGN_THEM: &str = "compute poses with photogrammetry (OpenDroneMap, COLMAP, Metashape, Pix4D, …), put its result into the folder, \
-                          and run this again; DJI's photos bring poses only with their XMP, which messengers and editors drop";
+                          and run this again; photos of drones bring poses only with the XMP that the drone wrote, which messengers and editors \
+                          drop: `sizeup survey inspect` names the tags that they have";
 
 /// Why nothing in a folder has a pose.
 pub(super) fn why(inventory: &Inventory, facts: &[PhotoFacts], passed: &[Passed]) -> InitError {

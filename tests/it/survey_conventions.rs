@@ -342,20 +342,42 @@ fn positions_far_from_where_the_crs_is_used_are_wrong() {
 }
 
 #[test]
-fn heights_in_feet_are_converted_where_the_crs_says_so_and_told_where_not() {
+fn heights_in_feet_are_converted_where_their_unit_is_stated_and_asked_for_where_not() {
     let folder = tempfile::tempdir().unwrap();
     let mut config = row(folder.path(), (980_000.0, 200_000.0), 1000.0);
     let z = |config: &SurveyConfig, project: &str| {
-        let survey = survey::read(config, &Crs::parse(project).unwrap()).unwrap();
-        let is_told = survey.issues.iter().any(|issue| issue.code == "height_unit_assumed");
-        (survey.views[0].centre().z, is_told)
+        let survey = survey::read(config, &Crs::parse(project).unwrap())?;
+        Ok::<f64, sizeup::survey::SurveyError>(survey.views[0].centre().z)
     };
+    // New York in US survey feet: a table may count its heights in anything.
     config.crs = Some(Crs::parse("EPSG:2263").unwrap());
-    assert_eq!(z(&config, "EPSG:26918"), (1000.0, true), "New York in US survey feet");
+    let asked = z(&config, "EPSG:26918").unwrap_err().to_string();
+    assert!(asked.contains("EPSG:2263 counts positions in feet") && asked.contains("EPSG:2263+6360"), "{asked}");
+    // A US survey foot is 1200/3937 m, whether or not the project names a vertical system.
     config.crs = Some(Crs::parse("EPSG:2263+6360").unwrap());
-    let (z_m, is_told) = z(&config, "EPSG:26918+5703");
-    // A US survey foot is 1200/3937 m.
-    assert!((z_m - 1000.0 * 1200.0 / 3937.0).abs() < 1e-6 && !is_told, "{z_m}");
+    for project in ["EPSG:26918+5703", "EPSG:26918", "EPSG:32118"] {
+        let z_m = z(&config, project).unwrap();
+        assert!((z_m - 1000.0 * 1200.0 / 3937.0).abs() < 1e-6, "{project}: {z_m}");
+    }
+    config.crs = Some(Crs::parse("EPSG:2263+5703").unwrap());
+    assert_eq!(z(&config, "EPSG:32118").unwrap(), 1000.0);
+}
+
+#[test]
+fn a_colmap_world_in_feet_has_one_scale() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("cameras.txt"), "1 PINHOLE 400 300 300 300 200 150\n").unwrap();
+    // Straight down from 300 feet: C = −Rᵀ t.
+    fs::write(folder.path().join("images.txt"), "1 0 1 0 0 0 0 300 1 a.jpg\n\n").unwrap();
+    let config = SurveyConfig {
+        crs: Some(Crs::parse("EPSG:2263").unwrap()),
+        offset: [984_250.0, 213_254.166_666_666_7, 0.0],
+        ..SurveyConfig::at(folder.path())
+    };
+    let (survey, report) = survey::inspect(&config, &Crs::parse("EPSG:32118").unwrap(), Site::default()).unwrap();
+    let z_m = survey.views[0].centre().z;
+    assert!((z_m - 300.0 * 1200.0 / 3937.0).abs() < 1e-9, "{z_m}");
+    assert!(report.heights.contains("converted to metres from units of 0.304800610 m"), "{}", report.heights);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 use sizeup::camera::Distortion;
 use sizeup::crs::{Crs, Geocentric, Transform, enu_from_geocentric};
-use sizeup::survey::{self, CameraConfig, Format, HeightConfig, Survey, SurveyConfig, VerticalDatum, View};
+use sizeup::survey::{self, CameraConfig, Format, HeightConfig, Site, Survey, SurveyConfig, VerticalDatum, View};
 
 /// Rows of `camera_from_world` (x right; y down; z forward) in east, north, up.
 pub const ROWS: [[f64; 3]; 3] = [
@@ -487,6 +487,69 @@ fn rtk_photos_with_dewarp_data() {
     let expected = Distortion::Brown { k1: -0.1, k2: 0.02, k3: -0.003, p1: 0.0001, p2: 0.0002 };
     assert_eq!(camera.distortion, expected);
     assert!(survey.issues.iter().any(|issue| issue.message.contains("focal length")), "{:?}", survey.issues);
+}
+
+#[test]
+fn heights_by_rtk_without_a_fix_are_told_to_be_assumed() {
+    let folder = tempfile::tempdir().unwrap();
+    let tags = |flag: u32| {
+        format!(
+            "drone-dji:GpsLatitude=\"+52.1\" drone-dji:GpsLongitude=\"+9.2\" drone-dji:AbsoluteAltitude=\"+120\" \
+             drone-dji:GimbalYawDegree=\"0\" drone-dji:GimbalPitchDegree=\"-90\" drone-dji:GimbalRollDegree=\"0\" \
+             drone-dji:CalibratedFocalLength=\"3600\" drone-dji:AltitudeType=\"RtkAlt\" drone-dji:RtkFlag=\"{flag}\""
+        )
+    };
+    photo(&folder.path().join("fixed.jpg"), &tags(50), 5280, 3956);
+    let told = |reference: Option<VerticalDatum>| {
+        let height = HeightConfig { reference, ..keep_ellipsoidal() };
+        let survey = survey::read(&SurveyConfig { height, ..SurveyConfig::at(folder.path()) }, &utm()).unwrap();
+        let about =
+            |code: &str| survey.issues.iter().find(|issue| issue.code == code).map(|issue| issue.message.clone());
+        about("height_reference_assumed")
+    };
+    assert_eq!(told(None), None);
+    photo(&folder.path().join("single.jpg"), &tags(16), 5280, 3956);
+    let message = told(None).unwrap();
+    assert!(message.starts_with("1 of 2 photos have AltitudeType RtkAlt without an RTK fix"), "{message}");
+    assert_eq!(told(Some(VerticalDatum::Project)), None);
+}
+
+#[test]
+fn photos_of_other_drones_than_djis_have_poses_by_pix4ds_tags() {
+    let folder = tempfile::tempdir().unwrap();
+    let (geodetic, _) = geodetic();
+    let wgs84 = Crs::parse("EPSG:4326").unwrap();
+    let north = Transform::new(&wgs84, &utm()).unwrap().north_at(geodetic.x, geodetic.y).unwrap();
+    let yaw = 30.0 - north.azimuth_rad.to_degrees();
+    let place = format!(
+        "drone-x:GpsLatitude=\"{}\" drone-x:GpsLongitude=\"{}\" drone-x:AbsoluteAltitude=\"{}\"",
+        geodetic.y, geodetic.x, geodetic.z
+    );
+    let camera_tags = |pitch: f64| format!("{place} Camera:Yaw=\"{yaw}\" Camera:Pitch=\"{pitch}\" Camera:Roll=\"0\"");
+    photo(&folder.path().join("down.jpg"), &camera_tags(0.0), 4000, 3000);
+    photo(&folder.path().join("oblique.jpg"), &camera_tags(45.0), 4000, 3000);
+    photo(&folder.path().join("sideways.jpg"), &format!("{place} FLIR:MAVYaw=\"1\""), 4000, 3000);
+    let config = SurveyConfig { height: keep_ellipsoidal(), camera: Some(camera()), ..SurveyConfig::at(folder.path()) };
+    let survey = survey::read(&config, &utm()).unwrap();
+    let names: Vec<&str> = survey.views.iter().map(|view| view.id.0.as_str()).collect();
+    assert_eq!(names, ["down.jpg", "oblique.jpg"], "{:?}", survey.issues);
+    for (view, off_nadir_deg) in survey.views.iter().zip([0.0, 45.0]) {
+        // The top of the photo points 30° east of grid north, and so does the axis where the photo is oblique.
+        let up = -view.camera_from_map.rotation.row(1);
+        let heading_deg = up.x.atan2(up.y).to_degrees();
+        assert!(
+            (heading_deg - 30.0).abs() < 1e-6 && (view.off_nadir_deg() - off_nadir_deg).abs() < 1e-6,
+            "{heading_deg}"
+        );
+        assert!((view.centre() - CENTRE).length() < 1e-3);
+    }
+    let codes: Vec<&str> = survey.issues.iter().map(|issue| issue.code.as_str()).collect();
+    assert!(codes.contains(&"view_directions"), "{codes:?}");
+    // Remarks are no poses.
+    let (_, report) = survey::inspect(&config, &utm(), Site::default()).unwrap();
+    assert_eq!((report.n_poses, report.n_views), (3, 2));
+    let refused = survey.issues.iter().find(|issue| issue.code == "photo_without_pose").unwrap();
+    assert!(refused.message.contains("it has FLIR:MAVYaw"), "{refused:?}");
 }
 
 #[test]

@@ -309,6 +309,18 @@ pub fn quaternion_wxyz(rotation: DMat3) -> [f64; 4] {
     [quaternion.w, quaternion.x, quaternion.y, quaternion.z].map(|part| part * sign)
 }
 
+/// `camera_from_world` of a camera that looks straight down from an aircraft at pitch and roll 0, the top of the photo to its
+/// nose, by the aircraft's yaw, pitch and roll in degrees: `ned_from_body = Rz(ψ) Ry(θ) Rx(ρ)`.
+///
+/// Source: Pix4D, "Yaw, Pitch, Roll and Omega, Phi, Kappa angles"; `OpenSfM` computes the same.
+#[must_use]
+pub(crate) fn camera_below([yaw_deg, pitch_deg, roll_deg]: [f64; 3]) -> DMat3 {
+    /// Image right is the body's y, image down the opposite of its x, the optical axis its z.
+    const BODY_FROM_CAMERA_BELOW: DMat3 = rows([0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
+    let ned_from_body = Sequence::Zyx.product(roll_deg.to_radians(), pitch_deg.to_radians(), yaw_deg.to_radians());
+    (ENU_FROM_NED * ned_from_body * BODY_FROM_CAMERA_BELOW).transpose()
+}
+
 /// The rotation about an axis by its length in radians (angle-axis, Rodrigues).
 #[must_use]
 pub(crate) fn from_rotation_vector(vector: DVec3) -> DMat3 {

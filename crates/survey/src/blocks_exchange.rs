@@ -11,7 +11,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::io::{BufReader, Read};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -43,7 +43,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let (path, tangential) = (config.path.as_path(), config.tangential);
     let file = File::open(path).map_err(FileError::on("cannot open", path))?;
     if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("xmlz")) {
-        return read_xml(BufReader::with_capacity(1 << 18, file), path, tangential);
+        return read_xml(file, path, tangential);
     }
     let broken = |e: zip::result::ZipError| SurveyError::malformed(path, Place::Whole, format!("not a zip file: {e}"));
     let mut archive = zip::ZipArchive::new(BufReader::new(file)).map_err(broken)?;
@@ -57,7 +57,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
         return Err(SurveyError::malformed(path, Place::Whole, "the archive holds no .xml file"));
     };
     let entry = archive.by_index(found).map_err(broken)?;
-    read_xml(BufReader::new(std::io::Read::take(entry, MAX_UNZIPPED_BYTES)), path, tangential)
+    read_xml(entry.take(MAX_UNZIPPED_BYTES), path, tangential)
 }
 
 /// Camera and axes that the photos of a group share.
@@ -66,7 +66,7 @@ struct PhotoGroup {
     camera_from_axes: DMat3,
 }
 
-fn read_xml(reader: impl BufRead, path: &Path, tangential: Option<TangentialOrder>) -> Result<Poses, SurveyError> {
+fn read_xml(reader: impl Read, path: &Path, tangential: Option<TangentialOrder>) -> Result<Poses, SurveyError> {
     let mut xml = Xml::new(reader, path);
     let mut poses = Poses { names: NameStyle::Path, ..Poses::new() };
     let mut systems: BTreeMap<String, String> = BTreeMap::new();
@@ -107,16 +107,7 @@ fn read_xml(reader: impl BufRead, path: &Path, tangential: Option<TangentialOrde
         }
     }
     if tangential.is_none() && poses.poses.iter().any(|pose| is_tangential(&pose.camera)) {
-        let message = "the order of P1 and P2 is not said by this format; taken as OpenCV's";
-        poses.issues.push(
-            Issue::new(
-                Severity::Warning,
-                "tangential_order_assumed",
-                Subject::Input(path.display().to_string()),
-                message,
-            )
-            .hint("set `tangential` to opencv or metashape; the difference is a pixel or so in the corners"),
-        );
+        poses.issues.push(tangential_order_assumed(path));
     }
     poses.world = block_world(&block_systems, &systems).map_err(|e| SurveyError::malformed(path, Place::Whole, e))?;
     Ok(poses)
@@ -138,7 +129,15 @@ fn block_world(named: &BTreeSet<String>, defined: &BTreeMap<String, String>) -> 
     }
 }
 
-fn is_tangential(camera: &Camera) -> bool {
+/// The issue of a file whose tangential coefficients are in an order that nothing states.
+pub(super) fn tangential_order_assumed(path: &Path) -> Issue {
+    let subject = Subject::Input(path.display().to_string());
+    let message = "the order of P1 and P2 is not said by this format; taken as OpenCV's";
+    Issue::new(Severity::Warning, "tangential_order_assumed", subject, message)
+        .hint("set `tangential` to opencv or metashape; the difference is a pixel or so in the corners")
+}
+
+pub(super) fn is_tangential(camera: &Camera) -> bool {
     camera.distortion.coefficients().any(|(name, value)| name.starts_with('p') && value != 0.0)
 }
 
@@ -229,9 +228,6 @@ fn group_of(group: &Element, tangential: TangentialOrder) -> PhotoGroup {
     }
 }
 
-/// Shorter focal lengths, of the larger side, are wrong units: 157° from side to side.
-const MIN_FOCAL: f64 = 0.1;
-
 /// From the top-left corner, pixels.
 fn principal_point(
     point: &Element,
@@ -267,11 +263,6 @@ fn camera(group: &Element, camera_from_axes: DMat3, tangential: TangentialOrder)
             return Err("neither <FocalLengthPixels> nor <FocalLength> with <SensorSize> or <PixelSize>".to_owned());
         }
     };
-    if focal_px < MIN_FOCAL * width.max(height) {
-        return Err(format!(
-            "a focal length of {focal_px} px for {width} × {height} px: expected millimetres throughout"
-        ));
-    }
     let fy_px = focal_px * group.number("AspectRatio")?.unwrap_or(1.0);
     let skew = group.number("Skew")?.unwrap_or(0.0) / focal_px;
     let (cx_px, cy_px) = match group.child("PrincipalPoint") {

@@ -44,7 +44,8 @@ pub struct SurveyConfig {
     /// Vertical datum of the poses' heights, and how they reach the project's.
     #[serde(default)]
     pub height: HeightConfig,
-    /// One camera for all photos, for formats that carry none; what a file says goes before it.
+    /// One camera for all photos, for formats that carry none. It goes before the columns of a table; what other formats say goes
+    /// before it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraConfig>,
     /// Columns and conventions of a CSV file.
@@ -179,7 +180,7 @@ pub struct CsvConfig {
     pub x: String,
     /// Column of the northing or latitude.
     pub y: String,
-    /// Column of the height, metres.
+    /// Column of the height. Its unit is the header's (`z [ft]`), else that of the poses' CRS, else metres.
     pub z: String,
     /// Kind of the rotation columns.
     pub angles: AngleKind,

@@ -1,31 +1,30 @@
 //! Poses in a table with declared columns and conventions: the universal fallback.
 
 use std::collections::HashMap;
-use std::fs::File;
-use std::io::BufReader;
 use std::path::Path;
 use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::angles::AngleUnit;
 use super::config::{CameraConfig, CsvConfig, PixelOrigin};
-use super::csv_header::{CsvHeader, CsvLayout, layout, names_angles};
+use super::csv_header::{ColumnUnit, CsvHeader, CsvLayout, HeaderFit, layout, names_angles};
 use super::error::Place;
 use super::formats::FileMarks;
+use super::heights::{FileUnits, HeightUnit};
 use super::poses::{FileHeights, Pose, Poses, World};
-use super::{SurveyConfig, SurveyError};
+use super::{SurveyConfig, SurveyError, text};
 use sizeup_geo::crs::Crs;
-use sizeup_geo::files::FileError;
 use sizeup_heights::camera::{Camera, Distortion};
 
 /// Columns of the intrinsics, with other names they go by.
 const CAMERA_COLUMNS: [(&str, &[&str]); N_INTRINSICS] = [
-    ("width", &["width_px", "image_width", "w"]),
-    ("height", &["height_px", "image_height", "h"]),
-    ("fx", &["fx_px", "f", "focal", "focal_px"]),
-    ("fy", &["fy_px"]),
-    ("cx", &["cx_px", "ppx"]),
-    ("cy", &["cy_px", "ppy"]),
+    ("width", &["image_width", "w"]),
+    ("height", &["image_height", "h"]),
+    ("fx", &["f", "focal"]),
+    ("fy", &[]),
+    ("cx", &["ppx"]),
+    ("cy", &["ppy"]),
     ("k1", &[]),
     ("k2", &[]),
     ("k3", &[]),
@@ -39,6 +38,10 @@ const CAMERA_COLUMNS: [(&str, &[&str]); N_INTRINSICS] = [
 
 /// Intrinsics a row may hold.
 const N_INTRINSICS: usize = 15;
+/// The first of them: the size of the image, which has to be in pixels as the focal lengths and the principal point have.
+const N_IN_PIXELS: usize = 6;
+/// The first of them that [`CameraConfig`] always has: size and focal lengths.
+const N_DECLARED: usize = 4;
 
 /// The columns of lens coefficients, in the order in which they are written.
 pub(crate) const LENS_COLUMNS: [&str; 9] = ["k1", "k2", "k3", "p1", "p2", "k4", "k5", "k6", "skew"];
@@ -57,31 +60,20 @@ struct ColumnPositions {
     /// In the order of [`CAMERA_COLUMNS`].
     camera: [Option<usize>; N_INTRINSICS],
     lens: Option<usize>,
-    /// Whether the position is longitude and latitude, by its columns' names.
+    /// Whether the position is longitude and latitude, by its columns' names or units.
     are_degrees: bool,
+    units: FileUnits,
 }
 
 /// Names that tools give the photo's column.
-const NAME_COLUMNS: [&str; 13] = [
-    "image",
-    "imagename",
-    "image_name",
-    "imageid",
-    "image_id",
-    "photo",
-    "photoid",
-    "photo_id",
-    "photoname",
-    "filename",
-    "file",
-    "label",
-    "id",
-];
+const NAME_COLUMNS: [&str; 10] =
+    ["image", "imagename", "imageid", "photo", "photoid", "photoname", "filename", "file", "label", "id"];
 const LONGITUDES: [&str; 4] = ["longitude", "lon", "long", "lng"];
 const X_COLUMNS: [&str; 7] = ["easting", "east", "e", "longitude", "lon", "long", "lng"];
 const Y_COLUMNS: [&str; 5] = ["northing", "north", "n", "latitude", "lat"];
-/// Not `height`, which is the image's.
+/// Before `height` and `h`, which are the image's unless the header has a length for their unit, or no width.
 const Z_COLUMNS: [&str; 3] = ["altitude", "alt", "elevation"];
+const HEIGHTS: [&str; 2] = ["height", "h"];
 
 /// A `.csv` or `.tsv`, or text that names angles in its header.
 pub(crate) fn recognises(marks: &FileMarks) -> bool {
@@ -97,19 +89,19 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
 /// Reads a table of poses.
 pub(crate) fn read_table(path: &Path, config: &CsvConfig, camera: Option<&CameraConfig>) -> Result<Poses, SurveyError> {
     let config = Declared { table: config, camera };
-    let CsvLayout { delimiter, header } =
-        layout(path, config.table, |header| ColumnPositions::find(header, &config).is_ok())?;
-    let file = File::open(path).map_err(FileError::on("cannot open", path))?;
+    let text = text::read(path)?;
+    let CsvLayout { delimiter, header, rows } =
+        layout(&text, config.table, |header| ColumnPositions::fit(header, &config))?;
     let mut reader = ::csv::ReaderBuilder::new()
         .delimiter(delimiter.unwrap_or(b','))
         .has_headers(false)
         .flexible(true)
         .comment(Some(b'#'))
         .trim(::csv::Trim::All)
-        .from_reader(OneSpace::new(BufReader::new(file), delimiter.is_none()));
+        .from_reader(OneSpace::new(rows.as_bytes(), delimiter.is_none()));
     let mut poses = Poses { north: config.table.north, ..Poses::new() };
     let Some(header) = header else { return Ok(poses) };
-    let columns = ColumnPositions::find(&header, &config).and_then(|columns| columns.with_camera(&config));
+    let columns = ColumnPositions::find(&header, &config).and_then(|columns| columns.with_camera(&header, &config));
     let columns = columns.map_err(|e| match config.table.header {
         Some(_) => SurveyError::config(e, ""),
         None => SurveyError::malformed(path, Place::Line(1), e).hint(COLUMNS_HINT),
@@ -118,6 +110,7 @@ pub(crate) fn read_table(path: &Path, config: &CsvConfig, camera: Option<&Camera
         // A receiver's, whose heights may count from anything.
         (poses.world, poses.heights) = (World::Crs(Crs::parse("EPSG:4326")?), FileHeights::Unreliable);
     }
+    poses.units = columns.units;
     let mut is_header = header.is_row;
     let mut cameras = CameraCache::default();
     let mut record = ::csv::StringRecord::new();
@@ -129,7 +122,9 @@ pub(crate) fn read_table(path: &Path, config: &CsvConfig, camera: Option<&Camera
             break;
         }
         let line = record.position().map_or(0, ::csv::Position::line);
-        if std::mem::take(&mut is_header) {
+        // Spreadsheets leave rows of nothing but separators.
+        let is_empty = record.iter().all(str::is_empty);
+        if is_empty || std::mem::take(&mut is_header) {
             continue;
         }
         let name = record.get(columns.name).unwrap_or_default();
@@ -151,42 +146,140 @@ fn line_of(error: &::csv::Error) -> u64 {
 }
 
 impl ColumnPositions {
+    /// How well a header serves as this table's.
+    fn fit(header: &CsvHeader, declared: &Declared<'_>) -> HeaderFit {
+        const FEW: usize = 3;
+        if Self::find(header, declared).is_ok() {
+            return HeaderFit::All;
+        }
+        let config = declared.table;
+        let position = [
+            header.seek_any(&config.name, "name", &NAME_COLUMNS),
+            header.seek_any(&config.x, "x", &X_COLUMNS),
+            header.seek_any(&config.y, "y", &Y_COLUMNS),
+            header.seek_any(&config.z, "z", &Z_COLUMNS),
+        ];
+        let angles = config.angle_columns();
+        let n_found =
+            position.into_iter().flatten().count() + angles.iter().filter_map(|name| header.seek(name)).count();
+        if n_found >= FEW { HeaderFit::Some } else { HeaderFit::None }
+    }
+
     fn find(header: &CsvHeader, declared: &Declared<'_>) -> Result<Self, String> {
         let config = declared.table;
-        let missing =
-            |wanted: &str| format!("there is no column {wanted:?}; the columns are {}", header.names.join(", "));
+        let missing = |wanted: &str| format!("there is no column {wanted:?}; the columns are {}", header.names());
         let need = |wanted: &str, own: &str, others: &[&str]| {
             header.seek_any(wanted, own, others).ok_or_else(|| missing(wanted))
         };
         let rotation: Result<Vec<usize>, String> =
             config.angle_columns().iter().map(|name| header.seek(name).ok_or_else(|| missing(name))).collect();
         let rotation = rotation?;
-        header.check_unit(&rotation, config)?;
-        let camera = CAMERA_COLUMNS
-            .map(|(name, others)| header.seek(name).or_else(|| others.iter().find_map(|o| header.seek(o))));
-        let x = need(&config.x, "x", &X_COLUMNS)?;
-        let columns = Self {
-            name: need(&config.name, "name", &NAME_COLUMNS)?,
-            position: [x, need(&config.y, "y", &Y_COLUMNS)?, need(&config.z, "z", &Z_COLUMNS)?],
+        header.check_angles(&rotation, config)?;
+        let n_needed = config.angles.n_values();
+        if rotation.len() != n_needed {
+            return Err(format!("{} angle columns: expected {n_needed}", rotation.len()));
+        }
+        let name = need(&config.name, "name", &NAME_COLUMNS)?;
+        let (x, y) = (need(&config.x, "x", &X_COLUMNS)?, need(&config.y, "y", &Y_COLUMNS)?);
+        let z = header.seek_any(&config.z, "z", &Z_COLUMNS);
+        let z =
+            z.or_else(|| height_of_position(header).filter(|_| config.z == "z")).ok_or_else(|| missing(&config.z))?;
+        let serves_pose = |column: &usize| [name, x, y, z].contains(column) || rotation.contains(column);
+        let camera = CAMERA_COLUMNS.map(|(name, others)| {
+            let names = std::iter::once(&name).chain(others);
+            names.filter_map(|name| header.seek(name)).find(|column| !serves_pose(column))
+        });
+        let plane = unit_of_plane(header, x, y)?;
+        Ok(Self {
+            name,
+            position: [x, y, z],
             rotation,
             camera,
             lens: header.seek("lens"),
-            are_degrees: LONGITUDES.iter().any(|name| header.names[x].eq_ignore_ascii_case(name)),
-        };
-        let n_needed = config.angles.n_values();
-        if columns.rotation.len() != n_needed {
-            return Err(format!("{} angle columns: expected {n_needed}", columns.rotation.len()));
-        }
-        Ok(columns)
+            are_degrees: header.is_one_of(x, &LONGITUDES) || matches!(plane, Some(ColumnUnit::Angle(_))),
+            units: FileUnits {
+                plane_m: if let Some(ColumnUnit::Length(unit_m)) = plane { Some(unit_m) } else { None },
+                heights: unit_of_heights(header, z)?,
+            },
+        })
     }
 
-    /// Itself, if it or the configuration has a camera.
-    fn with_camera(self, declared: &Declared<'_>) -> Result<Self, String> {
-        let has_camera = self.camera[..3].iter().all(Option::is_some);
-        if !has_camera && declared.camera.is_none() {
+    /// Itself, if it or the configuration has a camera. What the configuration declares is not read from columns, whose unit
+    /// may be another.
+    fn with_camera(mut self, header: &CsvHeader, declared: &Declared<'_>) -> Result<Self, String> {
+        if declared.camera.is_some() {
+            self.camera[..N_DECLARED].fill(None);
+            return Ok(self);
+        }
+        if self.camera[..3].iter().any(Option::is_none) {
             return Err("there is no camera: neither columns width, height, fx nor [survey.camera]".to_owned());
         }
+        // RealityScan's names: mm of 36 mm film, of which the program's own table has no size of the image either.
+        let is_realityscan = self.camera[2].is_some_and(|column| header.is_one_of(column, &["f"]));
+        if is_realityscan && header.seek("px").is_some() && header.seek("py").is_some() {
+            let message = "the columns f, px, py are RealityScan's, which count in 36 mm film: declare the camera under [survey.camera]";
+            return Err(message.to_owned());
+        }
+        for column in self.camera[..N_IN_PIXELS].iter().flatten() {
+            if !matches!(header.unit(*column)?, None | Some(ColumnUnit::Pixels)) {
+                return Err(header.wrong_unit(*column, "pixels; or declare the camera under [survey.camera]"));
+            }
+        }
         Ok(self)
+    }
+}
+
+/// The column `height` where it is that of the position and not the image's.
+fn height_of_position(header: &CsvHeader) -> Option<usize> {
+    let (width, others) = CAMERA_COLUMNS[0];
+    let has_width = std::iter::once(&width).chain(others).any(|name| header.seek(name).is_some());
+    let is_length = |column: &usize| matches!(header.unit(*column), Ok(Some(ColumnUnit::Length(_))));
+    HEIGHTS.iter().filter_map(|name| header.seek(name)).find(|column| !has_width || is_length(column))
+}
+
+/// The unit of eastings and northings, or of longitudes and latitudes, which is one.
+fn unit_of_plane(header: &CsvHeader, x: usize, y: usize) -> Result<Option<ColumnUnit>, String> {
+    let expected = "degrees or a length, the same for both positions";
+    match (header.unit(x)?, header.unit(y)?) {
+        (Some(of_x), Some(of_y)) if of_x != of_y => Err(header.wrong_unit(y, expected)),
+        (Some(ColumnUnit::Pixels), _) => Err(header.wrong_unit(x, expected)),
+        (Some(ColumnUnit::Angle(unit)), _) if unit != AngleUnit::Deg => Err(header.wrong_unit(x, expected)),
+        (of_x, of_y) => Ok(of_x.or(of_y)),
+    }
+}
+
+fn unit_of_heights(header: &CsvHeader, z: usize) -> Result<HeightUnit, String> {
+    match header.unit(z)? {
+        Some(ColumnUnit::Length(unit_m)) => Ok(HeightUnit::Metres(unit_m)),
+        Some(_) => Err(header.wrong_unit(z, "a length")),
+        None => Ok(HeightUnit::Unsaid),
+    }
+}
+
+/// A row of the table, with its numbers as its producer writes them.
+struct Row<'a> {
+    record: &'a ::csv::StringRecord,
+    /// Whether a number of it has a point for its decimals.
+    has_points: bool,
+}
+
+impl<'a> Row<'a> {
+    fn of(record: &'a ::csv::StringRecord, columns: &ColumnPositions) -> Self {
+        let camera = columns.camera.iter().flatten();
+        let mut numbers = columns.position.iter().chain(&columns.rotation).chain(camera);
+        let has_points = numbers.any(|&column| record.get(column).is_some_and(|field| field.contains('.')));
+        Self { record, has_points }
+    }
+
+    /// A number. One comma is that of decimals where no number of the row has a point.
+    fn number(&self, column: usize) -> Result<f64, String> {
+        let field = self.record.get(column).ok_or_else(|| format!("the row ends before column {}", column + 1))?;
+        let has_decimal_comma = !self.has_points && field.matches(',').count() == 1;
+        let number = if has_decimal_comma { field.replace(',', ".").parse() } else { field.parse() };
+        number.map_err(|_| {
+            let about = if field.contains(',') { ": expected no separator of thousands" } else { "" };
+            format!("{field:?} in column {} is not a number{about}", column + 1)
+        })
     }
 }
 
@@ -196,21 +289,19 @@ fn pose(
     config: &Declared<'_>,
     cameras: &mut CameraCache,
 ) -> Result<Pose, String> {
-    let value = |column: usize| -> Result<f64, String> {
-        let field = record.get(column).ok_or_else(|| format!("the row ends before column {}", column + 1))?;
-        field.parse().map_err(|_| format!("{field:?} in column {} is not a number", column + 1))
-    };
+    let row = Row::of(record, columns);
     let [x, y, z] = columns.position;
-    let values: Result<Vec<f64>, String> = columns.rotation.iter().map(|&column| value(column)).collect();
+    let values: Result<Vec<f64>, String> = columns.rotation.iter().map(|&column| row.number(column)).collect();
     let mut intrinsics = [None; N_INTRINSICS];
     for (intrinsic, column) in intrinsics.iter_mut().zip(&columns.camera) {
-        *intrinsic = column.filter(|&c| record.get(c).is_some_and(|field| !field.is_empty())).map(value).transpose()?;
+        let column = column.filter(|&c| record.get(c).is_some_and(|field| !field.is_empty()));
+        *intrinsic = column.map(|column| row.number(column)).transpose()?;
     }
     Ok(Pose {
         name: record.get(columns.name).unwrap_or_default().to_owned(),
         camera: cameras.get(intrinsics, columns.lens.and_then(|c| record.get(c)).unwrap_or_default(), config)?,
         camera_from_world: config.table.convention().camera_from_world(&values?)?,
-        centre: DVec3::new(value(x)?, value(y)?, value(z)?),
+        centre: DVec3::new(row.number(x)?, row.number(y)?, row.number(z)?),
     })
 }
 
@@ -240,14 +331,14 @@ pub(crate) fn declared_camera(camera: &CameraConfig, pixel_origin: PixelOrigin) 
     camera_of([None; N_INTRINSICS], "", Some(camera), pixel_origin)
 }
 
-/// A row's own values go before the declared camera's.
+/// What is declared goes before a row's own values. Coefficients that are all zero are not declared.
 fn camera_of(
     row: [Option<f64>; N_INTRINSICS],
     lens: &str,
     declared: Option<&CameraConfig>,
     pixel_origin: PixelOrigin,
 ) -> Result<Camera, String> {
-    let or = |i: usize, get: fn(&CameraConfig) -> Option<f64>| row[i].or_else(|| declared.and_then(get));
+    let or = |i: usize, get: fn(&CameraConfig) -> Option<f64>| declared.and_then(get).or(row[i]);
     let missing = |what: &str| format!("its camera has no {what}");
     let pixels = |value: f64, what: &str| {
         let is_whole = value.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(&value);
@@ -283,8 +374,8 @@ fn distortion_of(
     lens: &str,
     declared: Option<&CameraConfig>,
 ) -> Result<Distortion, String> {
-    let of_declared = declared.map_or([0.0; 5], |c| [c.k[0], c.k[1], c.k[2], c.p[0], c.p[1]]);
-    let [k1, k2, k3, p1, p2] = [0, 1, 2, 3, 4].map(|i| row[6 + i].unwrap_or(of_declared[i]));
+    let of_declared = declared.map(|c| [c.k[0], c.k[1], c.k[2], c.p[0], c.p[1]]).filter(|all| *all != [0.0; 5]);
+    let [k1, k2, k3, p1, p2] = [0, 1, 2, 3, 4].map(|i| of_declared.map(|all| all[i]).or(row[6 + i]).unwrap_or(0.0));
     let [k4, k5, k6, skew] = [11, 12, 13, 14].map(|i| row[i].unwrap_or(0.0));
     Ok(match lens {
         "" => Distortion::brown([k1, k2, k3], [p1, p2]),
@@ -339,3 +430,6 @@ impl<R: std::io::Read> std::io::Read for OneSpace<R> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

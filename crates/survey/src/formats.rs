@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::poses::Poses;
-use super::{SurveyConfig, SurveyError, names};
+use super::{SurveyConfig, SurveyError, names, text};
 use sizeup_geo::files::FileError;
 
 /// Marks by which a file or folder is recognised.
@@ -37,7 +37,7 @@ impl FileMarks {
             let file = File::open(path).map_err(FileError::on("cannot open", path))?;
             file.take(HEAD_BYTES).read_to_end(&mut head).map_err(FileError::on("cannot read", path))?;
         }
-        let head = String::from_utf8_lossy(&head).trim_start_matches('\u{feff}').to_owned();
+        let head = text::decode(&head);
         Ok(Self { path: path.to_owned(), name, head, is_folder })
     }
 

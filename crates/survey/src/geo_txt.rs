@@ -9,9 +9,8 @@ use super::angles::{AngleConvention, AngleKind, North, PitchZero};
 use super::error::Place;
 use super::formats::FileMarks;
 use super::poses::{FileHeights, Pose, Poses, World};
-use super::{SurveyConfig, SurveyError};
+use super::{SurveyConfig, SurveyError, text};
 use sizeup_geo::crs::{Crs, CrsError};
-use sizeup_geo::files;
 
 /// A file of this name.
 pub(crate) fn recognises(marks: &FileMarks) -> bool {
@@ -22,7 +21,7 @@ pub(crate) fn recognises(marks: &FileMarks) -> bool {
 pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let path = config.path.as_path();
     let camera = config.declared_camera("geo.txt")?;
-    let text = files::read_text(path)?;
+    let text = text::read(path)?;
     let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let Some((_, crs)) = lines.next() else {
         return Err(SurveyError::malformed(path, Place::Line(1), "empty: expected the CRS on the first line"));

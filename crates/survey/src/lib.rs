@@ -34,6 +34,7 @@ mod pix4d;
 mod poses;
 mod report;
 mod stac;
+mod text;
 mod trials;
 mod view;
 mod whole;

@@ -30,6 +30,8 @@ struct WayToMap {
     /// For rotations that count from true north although positions are in a grid.
     true_north: Option<TrueNorth>,
     heights: HeightConversion,
+    /// Metres per unit of the poses' heights.
+    height_unit_m: f64,
     offset: DVec3,
 }
 
@@ -77,7 +79,8 @@ impl WayToMap {
                 "its position is {easting:e}, {northing:e}: expected metres of at most {FARTHEST_M:e}"
             ));
         }
-        let height_m = self.heights.in_project(centre).map_err(|e| e.to_string())?;
+        let in_metres = centre.with_z(centre.z * self.height_unit_m);
+        let height_m = self.heights.in_project(in_metres).map_err(|e| e.to_string())?;
         let azimuth_rad = world_north.azimuth_rad + true_north.azimuth_rad;
         let north = GridNorth { azimuth_rad, scale: world_north.scale };
         Ok(Located {
@@ -116,6 +119,7 @@ fn world_crs(poses: &mut Poses, config: &SurveyConfig, project_crs: &Crs) -> Res
 /// Moves poses of an earth-centred or local tangent world to longitude, latitude, ellipsoidal height, and their
 /// rotations to the east, north, up at each camera.
 fn to_geodetic(poses: &mut Poses, world: &World, offset: DVec3) -> Result<(), SurveyError> {
+    std::mem::take(&mut poses.units).require_metres()?;
     let geocentric = Geocentric::new()?;
     let (axes, origin) = match world {
         World::Enu(origin) => (enu_from_geocentric(origin.x, origin.y).transpose(), geocentric.geocentric(*origin)?),
@@ -145,7 +149,8 @@ pub(crate) fn locate(
     config: &SurveyConfig,
     project_crs: &Crs,
 ) -> Result<(Survey, Facts), SurveyError> {
-    let n_read = poses.poses.len() + poses.issues.len();
+    let is_refused = |issue: &&Issue| issue.severity == Severity::Refused;
+    let n_read = poses.poses.len() + poses.issues.iter().filter(is_refused).count();
     let (world, offset) = world_crs(&mut poses, config, project_crs)?;
     suggest_projected(&poses, &world, project_crs)?;
     let heights = match HeightConversion::decide(&config.height, poses.heights, &world, project_crs) {
@@ -153,15 +158,20 @@ pub(crate) fn locate(
         Err(_) if poses.poses.is_empty() => return Ok(nothing(poses, &world, n_read)),
         heights => heights?,
     };
+    let height_unit_m = match poses.units.height_unit_m(&config.height, &world) {
+        Err(_) if poses.poses.is_empty() => return Ok(nothing(poses, &world, n_read)),
+        unit => unit?,
+    };
     let true_north = match poses.north {
         North::True if !world.is_geographic() => Some(TrueNorth::of(&world)?),
         _ => None,
     };
-    let way = WayToMap { map_from_world: Transform::new(&world, project_crs)?, true_north, offset, heights };
+    let way =
+        WayToMap { map_from_world: Transform::new(&world, project_crs)?, true_north, offset, heights, height_unit_m };
     let Poses { poses, mut issues, counts, written, .. } = poses;
     let mut facts = Facts {
         world: world.to_string(),
-        heights: way.heights.to_string(),
+        heights: heights_in_words(&way),
         n_poses: n_read,
         counts,
         ..Facts::default()
@@ -197,20 +207,20 @@ pub(crate) fn locate(
         let refused = names_of(&issues);
         issues.extend(photos::attach(&mut views, &refused, &written, folder)?);
     }
-    if !world.is_metric() && !way.heights.is_choice() && world.vertical_epsg().is_none() {
-        let message = format!("positions in {world} are counted in feet; the heights are taken as metres all the same");
-        let subject = Subject::Input(config.path.display().to_string());
-        issues.push(
-            Issue::new(Severity::Warning, "height_unit_assumed", subject, message)
-                .hint("if they are feet too, name their vertical system: `crs = \"EPSG:2263+6360\"`"),
-        );
-    }
     if way.heights.is_choice() {
         let subject = Subject::Input(config.path.display().to_string());
         issues.push(Issue::new(Severity::Note, "height_choice", subject, facts.heights.clone()));
     }
     issues.sort_by(|a, b| (&a.subject, &a.code).cmp(&(&b.subject, &b.code)));
     Ok((Survey { views, issues }, facts))
+}
+
+/// Way of heights to the project, and the unit that they are converted from.
+fn heights_in_words(way: &WayToMap) -> String {
+    match way.height_unit_m {
+        1.0 => way.heights.to_string(),
+        unit_m => format!("{}; converted to metres from units of {unit_m:.9} m", way.heights),
+    }
 }
 
 /// The survey of a file without a pose, and why.
@@ -303,7 +313,7 @@ fn view(way: &WayToMap, pose: Pose) -> Result<(View, GridNorth), Box<Issue>> {
         let issue = refused("photo_name_unusable", &pose.name, "its name is no path of a file");
         return Err(Box::new(issue.hint("name photos by file, or by folders and file below one folder")));
     }
-    pose.camera.validate().map_err(|e| Box::new(refused("camera_unusable", &pose.name, e.to_string())))?;
+    check_camera(&pose)?;
     let located = way.locate(&pose).map_err(|reason| Box::new(refused("pose_unusable", &pose.name, reason)))?;
     let camera_from_map = Rigid::from_rotation_and_centre(located.camera_from_map, located.centre_in_map);
     let height_m = located.centre_in_map.z;
@@ -328,6 +338,27 @@ fn view(way: &WayToMap, pose: Pose) -> Result<(View, GridNorth), Box<Issue>> {
         return Err(Box::new(issue));
     }
     Ok((view, located.north))
+}
+
+/// Shorter focal lengths, of the larger side, are in another unit than pixels: 157° from side to side.
+const MIN_FOCAL: f64 = 0.1;
+
+/// Refuses a camera that cannot be, whatever format it comes from.
+fn check_camera(pose: &Pose) -> Result<(), Box<Issue>> {
+    let unusable = |message: String| refused("camera_unusable", &pose.name, message);
+    let camera = &pose.camera;
+    camera.validate().map_err(|e| Box::new(unusable(e.to_string())))?;
+    let (width_px, height_px) = (camera.width_px, camera.height_px);
+    let focal_px = camera.fx_px.min(camera.fy_px);
+    if focal_px >= MIN_FOCAL * f64::from(width_px.max(height_px)) {
+        return Ok(());
+    }
+    let message = format!(
+        "a focal length of {focal_px} px for {width_px} × {height_px} px: expected at least {MIN_FOCAL} of the larger side"
+    );
+    let hint =
+        "focal lengths are in pixels: mm times the pixels of a side over its mm (36 for equivalents of 35 mm film)";
+    Err(Box::new(unusable(message).hint(hint)))
 }
 
 /// A name given twice with one pose counts once; with two poses neither can be trusted.

@@ -22,17 +22,27 @@
 //! u = w/2 + cx + x_d f + x_d B1 + y_d B2,   v = h/2 + cy + y_d f
 //! ```
 //!
-//! Source: Agisoft Metashape manual, appendix "Camera models". The reference frame of `EPSG:4978` follows from files.
+//! Files of `PhotoScan` before `f` have two focal lengths, the principal point from the top-left corner, a skew in pixels, and
+//! P1 and P2 in the other order:
+//!
+//! ```text
+//! x_d = x (1 + …) + P2 (r² + 2x²) + 2 P1 x y,   u = cx + x_d fx + y_d skew,   v = cy + y_d fy
+//! ```
+//!
+//! Source: Agisoft Metashape manual, appendix "Camera models", and that of older `PhotoScan` manuals. The reference frame
+//! of `EPSG:4978` follows from files.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
-use std::io::BufReader;
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 
 use super::angles::{nearest_rotation, rows};
+use super::blocks_exchange::{is_tangential, tangential_order_assumed};
+use super::config::TangentialOrder;
 use super::formats::FileMarks;
+use super::heights::FileUnits;
 use super::poses::{Pose, Poses, World};
 use super::xml::{Element, Xml, XmlStep};
 use super::{SurveyConfig, SurveyError};
@@ -78,8 +88,8 @@ pub(crate) fn recognises(marks: &FileMarks) -> bool {
 pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let path = config.path.as_path();
     let file = File::open(path).map_err(FileError::on("cannot open", path))?;
-    let mut xml = Xml::new(BufReader::with_capacity(1 << 18, file), path);
-    let mut poses = Poses::new();
+    let mut xml = Xml::new(file, path);
+    let mut poses = Poses { units: FileUnits::ONE_SCALE, ..Poses::new() };
     let mut chunk = Chunk::default();
     let mut groups: Vec<String> = Vec::new();
     loop {
@@ -94,7 +104,12 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
                     let label = sensor.attribute("label").unwrap_or_default().to_owned();
                     chunk.sensor_labels.insert(id.clone(), label);
                     chunk.mountings.extend(mounting(&sensor).map(|mounting| (id.clone(), mounting)));
-                    chunk.sensors.insert(id, camera_of(&sensor).map(Arc::new));
+                    let camera = camera_of(&sensor, config.tangential.unwrap_or_default());
+                    let is_assumed = camera.as_ref().is_ok_and(|(camera, is_old)| *is_old && is_tangential(camera));
+                    if is_assumed && config.tangential.is_none() && poses.issues.is_empty() {
+                        poses.issues.push(tangential_order_assumed(path));
+                    }
+                    chunk.sensors.insert(id, camera.map(|(camera, _)| Arc::new(camera)));
                 }
                 "component" => {
                     let component = xml.element(start)?;
@@ -134,7 +149,7 @@ struct Chunk {
 }
 
 impl Chunk {
-    fn finish<R: std::io::BufRead>(self, poses: &mut Poses, xml: &Xml<R>) -> Result<(), SurveyError> {
+    fn finish<R: std::io::Read>(self, poses: &mut Poses, xml: &Xml<R>) -> Result<(), SurveyError> {
         if self.shots.is_empty() {
             return Ok(());
         }
@@ -346,8 +361,9 @@ fn similarity_of_matrix(m: &[f64]) -> Result<Similarity, String> {
     })
 }
 
-/// The adjusted calibration of a sensor, else its first one.
-fn camera_of(sensor: &Element) -> Result<Camera, String> {
+/// The adjusted calibration of a sensor, else its first one, and whether it is one of the old form, whose P1 and P2 are in the
+/// order `tangential`.
+fn camera_of(sensor: &Element, tangential: TangentialOrder) -> Result<(Camera, bool), String> {
     let calibration = sensor
         .all("calibration")
         .find(|c| c.attribute("class") == Some("adjusted"))
@@ -360,50 +376,90 @@ fn camera_of(sensor: &Element) -> Result<Camera, String> {
     };
     let (width_px, height_px) = (side("width")?, side("height")?);
     let number = |name: &str| calibration.number(name).map(|value| value.unwrap_or(0.0));
-    let focal_px = match calibration.number("f")? {
-        Some(focal_px) => focal_px,
-        None => calibration.number("fx")?.ok_or("the calibration has no focal length")?,
+    let is_old = calibration.child("f").is_none();
+    let middle_px = (f64::from(width_px) / 2.0, f64::from(height_px) / 2.0);
+    let from_corner = |name: &str, middle_px: f64| calibration.number(name).map(|value| value.unwrap_or(middle_px));
+    let (fx_px, fy_px, cx_px, cy_px, skew_px) = if is_old {
+        let fx_px = calibration.number("fx")?.ok_or("the calibration has no focal length")?;
+        let fy_px = calibration.number("fy")?.unwrap_or(fx_px);
+        (fx_px, fy_px, from_corner("cx", middle_px.0)?, from_corner("cy", middle_px.1)?, number("skew")?)
+    } else {
+        let focal_px = number("f")?;
+        let centre_px = (middle_px.0 + number("cx")?, middle_px.1 + number("cy")?);
+        (focal_px + number("b1")?, focal_px, centre_px.0, centre_px.1, number("b2")?)
     };
     let [k1, k2, k3, k4] = [number("k1")?, number("k2")?, number("k3")?, number("k4")?];
     if number("p3")? != 0.0 || number("p4")? != 0.0 {
         return Err("tangential terms p3, p4 are not supported: undistort the photos, or calibrate without".to_owned());
     }
-    let (b1_px, b2_px) = (number("b1")?, number("b2")?);
-    let fx_px = focal_px + b1_px;
+    let order = if is_old { tangential } else { TangentialOrder::Metashape };
+    let [p1, p2] = order.opencv([number("p1")?, number("p2")?]);
     let distortion = match calibration.attribute("type").or_else(|| sensor.attribute("type")).unwrap_or("frame") {
-        "frame" => {
-            // Metashape's P1, P2 are OpenCV's p2, p1.
-            let (p1, p2) = (number("p2")?, number("p1")?);
-            if k4 == 0.0 && b2_px == 0.0 {
-                Distortion::brown([k1, k2, k3], [p1, p2])
-            } else {
-                Distortion::BrownAffine { k1, k2, k3, k4, p1, p2, skew: b2_px / fx_px }
-            }
-        }
+        "frame" if k4 == 0.0 && skew_px == 0.0 => Distortion::brown([k1, k2, k3], [p1, p2]),
+        "frame" => Distortion::BrownAffine { k1, k2, k3, k4, p1, p2, skew: skew_px / fx_px },
         "fisheye" | "equidistant_fisheye" => {
-            if number("p1")? != 0.0 || number("p2")? != 0.0 || b2_px != 0.0 {
+            if p1 != 0.0 || p2 != 0.0 || skew_px != 0.0 {
                 return Err("a fisheye with tangential or skew terms is not supported: undistort the photos".to_owned());
             }
             Distortion::Fisheye { k1, k2, k3, k4 }
         }
         other => return Err(format!("sensor type {other} is not supported: expected frame or fisheye")),
     };
-    let camera = Camera {
-        width_px,
-        height_px,
-        fx_px,
-        fy_px: focal_px,
-        cx_px: f64::from(width_px) / 2.0 + number("cx")?,
-        cy_px: f64::from(height_px) / 2.0 + number("cy")?,
-        distortion,
-    };
+    let camera = Camera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion };
     camera.validate().map_err(|e| e.to_string())?;
-    Ok(camera)
+    Ok((camera, is_old))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A camera whose sensor has this calibration, in an encoding of its declaration.
+    fn read_calibration(calibration: &str, tangential: Option<TangentialOrder>) -> Poses {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cameras.xml");
+        let xml = format!(
+            "<?xml version=\"1.0\" encoding=\"ISO-8859-1\"?><document version=\"1.2.0\"><chunk><sensors><sensor id=\"0\" type=\"frame\">\
+             <resolution width=\"320\" height=\"240\"/><calibration type=\"frame\" class=\"adjusted\">{calibration}</calibration></sensor>\
+             </sensors><cameras><camera id=\"0\" sensor_id=\"0\" label=\"Straße\"><transform>1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1</transform>\
+             </camera></cameras></chunk></document>"
+        );
+        let latin_1: Vec<u8> = xml.chars().map(|c| u8::try_from(u32::from(c)).unwrap()).collect();
+        std::fs::write(&path, latin_1).unwrap();
+        read(&SurveyConfig { tangential, ..SurveyConfig::at(path) }).unwrap()
+    }
+
+    #[test]
+    fn photoscans_calibration_has_two_focal_lengths_and_its_principal_point_from_the_corner() {
+        let old = "<fx>300</fx><fy>294</fy><cx>147.5</cx><cy>127.25</cy><skew>3</skew><k1>0.1</k1>";
+        let poses = read_calibration(old, None);
+        let pose = &poses.poses[0];
+        assert_eq!(pose.name, "Straße");
+        let camera = &pose.camera;
+        assert_eq!((camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px), (300.0, 294.0, 147.5, 127.25));
+        let expected = Distortion::BrownAffine { k1: 0.1, k2: 0.0, k3: 0.0, k4: 0.0, p1: 0.0, p2: 0.0, skew: 0.01 };
+        assert_eq!(camera.distortion, expected);
+        assert_eq!(poses.issues, []);
+        let without = read_calibration("<fx>300</fx>", None);
+        let camera = &without.poses[0].camera;
+        assert_eq!((camera.fy_px, camera.cx_px, camera.cy_px), (300.0, 160.0, 120.0));
+    }
+
+    #[test]
+    fn the_order_of_photoscans_tangential_terms_is_told_or_declared() {
+        let old = "<fx>300</fx><fy>300</fy><p1>0.001</p1><p2>0.002</p2>";
+        let terms = |poses: &Poses| match poses.poses[0].camera.distortion {
+            Distortion::Brown { p1, p2, .. } => (p1, p2),
+            ref other => panic!("{other:?}"),
+        };
+        let assumed = read_calibration(old, None);
+        assert_eq!((terms(&assumed), assumed.issues[0].code.as_str()), ((0.001, 0.002), "tangential_order_assumed"));
+        let declared = read_calibration(old, Some(TangentialOrder::Metashape));
+        assert_eq!((terms(&declared), declared.issues.len()), ((0.002, 0.001), 0));
+        let new = read_calibration("<f>300</f><cx>1</cx><cy>-2</cy><p1>0.001</p1><p2>0.002</p2>", None);
+        assert_eq!((terms(&new), new.issues.len()), ((0.002, 0.001), 0));
+        assert_eq!((new.poses[0].camera.cx_px, new.poses[0].camera.cy_px), (161.0, 118.0));
+    }
 
     /// A document of a master camera and one that is mounted with it, by the sensor and the camera of the second.
     fn rig(master: &str, sensor: &str, camera: &str) -> Result<Poses, SurveyError> {

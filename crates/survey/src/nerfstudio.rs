@@ -19,6 +19,7 @@ use serde::Deserialize;
 use super::angles::{CameraAxes, nearest_rotation, rows};
 use super::error::Place;
 use super::formats::FileMarks;
+use super::heights::FileUnits;
 use super::opensfm::json;
 use super::poses::{Pose, Poses};
 use super::{SurveyConfig, SurveyError};
@@ -74,7 +75,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let Transforms { camera: shared, applied_transform, frames } = json(path)?;
     let applied = applied_transform.as_deref().map(similarity).transpose();
     let applied = applied.map_err(|e| SurveyError::malformed(path, Place::Whole, format!("applied_transform: {e}")))?;
-    let mut poses = Poses::new();
+    let mut poses = Poses { units: FileUnits::ONE_SCALE, ..Poses::new() };
     let mut made: Vec<(Intrinsics, Result<Arc<Camera>, String>)> = Vec::new();
     for NerfstudioFrame { file_path, transform_matrix, camera } in frames {
         let name = file_path.trim_start_matches("./");

@@ -12,6 +12,7 @@ use serde::Deserialize;
 use super::angles::from_rotation_vector;
 use super::error::Place;
 use super::formats::FileMarks;
+use super::heights::FileUnits;
 use super::odm_frame::odm_crs;
 use super::opensfm::{CamerasByName, SfmCamera, camera_key, cameras_of, json, take};
 use super::poses::{FileHeights, Pose, Poses, World};
@@ -75,7 +76,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let sizes: Vec<(String, SfmSize)> =
         models.iter().map(|(id, camera)| (camera_key(id).to_owned(), SfmSize::of(camera))).collect();
     let cameras: CamerasByName = cameras_of(models);
-    let mut poses = Poses { heights: FileHeights::Ellipsoidal, ..Poses::new() };
+    let mut poses = Poses { heights: FileHeights::Ellipsoidal, units: FileUnits::ONE_SCALE, ..Poses::new() };
     let mut places = Vec::new();
     for ShotFeature { properties: shot, geometry } in layer.features {
         let (Some(rotation), Some(position)) = (shot.rotation, shot.translation) else {

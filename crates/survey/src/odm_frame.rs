@@ -19,9 +19,8 @@ use glam::{DVec2, DVec3};
 
 use super::error::Place;
 use super::poses::{Poses, World};
-use super::{SurveyConfig, SurveyError};
+use super::{SurveyConfig, SurveyError, text};
 use sizeup_geo::crs::{Crs, Geocentric, Transform, enu_from_geocentric};
-use sizeup_geo::files;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 
 /// A shot's GPS position (east, north, up at the reference) and its centre as the file has it, metres.
@@ -260,7 +259,7 @@ impl OdmGrid {
 
 /// The second line of `coords.txt`: easting and northing.
 fn odm_offset(path: &Path) -> Result<DVec3, SurveyError> {
-    let text = files::read_text(path)?;
+    let text = text::read(path)?;
     let numbers: Vec<f64> =
         text.lines().nth(1).unwrap_or_default().split_ascii_whitespace().filter_map(|n| n.parse().ok()).collect();
     match numbers[..] {
@@ -272,7 +271,7 @@ fn odm_offset(path: &Path) -> Result<DVec3, SurveyError> {
 /// The CRS of `proj.txt`.
 pub(super) fn odm_crs(folder: &Path) -> Result<Crs, SurveyError> {
     let path: PathBuf = folder.join("proj.txt");
-    let text = files::read_text(&path)?;
+    let text = text::read(&path)?;
     Ok(Crs::parse(&by_code(text.trim()).unwrap_or_else(|| text.trim().to_owned()))?)
 }
 

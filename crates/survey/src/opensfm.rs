@@ -6,8 +6,6 @@
 //! code.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::BufReader;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -17,10 +15,10 @@ use serde::Deserialize;
 use super::angles::from_rotation_vector;
 use super::error::Place;
 use super::formats::FileMarks;
+use super::heights::FileUnits;
 use super::odm_frame::{self, Fix};
 use super::poses::{FileHeights, Pose, Poses};
-use super::{SurveyConfig, SurveyError};
-use sizeup_geo::files::FileError;
+use super::{SurveyConfig, SurveyError, text};
 use sizeup_heights::camera::{Camera, Distortion};
 
 #[derive(Deserialize)]
@@ -70,8 +68,7 @@ fn perspective() -> String {
 
 /// Reads a JSON file.
 pub(super) fn json<T: for<'a> Deserialize<'a>>(path: &Path) -> Result<T, SurveyError> {
-    let file = File::open(path).map_err(FileError::on("cannot open", path))?;
-    serde_json::from_reader(BufReader::with_capacity(1 << 18, file))
+    serde_json::from_reader(text::open(path)?)
         .map_err(|e| SurveyError::malformed(path, Place::Line(e.line() as u64), e.to_string()))
 }
 
@@ -89,7 +86,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let path = config.path.as_path();
     let path = &if path.is_dir() { path.join("reconstruction.json") } else { path.to_owned() };
     let parts: Vec<Reconstruction> = json(path)?;
-    let mut poses = Poses { heights: FileHeights::Ellipsoidal, ..Poses::new() };
+    let mut poses = Poses { heights: FileHeights::Ellipsoidal, units: FileUnits::ONE_SCALE, ..Poses::new() };
     let folder = path.parent().unwrap_or(Path::new("."));
     let mut reference = parts.first().and_then(|part| part.reference_lla.as_ref()).map(ReferenceLla::lon_lat_height);
     if reference.is_none() && folder.join("reference_lla.json").is_file() {

@@ -19,8 +19,7 @@
 //! for the fisheye Pix4D support, "How are the Internal and External Camera Parameters defined?", which it refers to.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
-use std::io::BufReader;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -33,9 +32,8 @@ use super::error::Place;
 use super::formats::FileMarks;
 use super::names::NameStyle;
 use super::poses::{Pose, Poses, World};
-use super::{SurveyConfig, SurveyError};
+use super::{SurveyConfig, SurveyError, text};
 use sizeup_geo::crs::Crs;
-use sizeup_geo::files::FileError;
 use sizeup_geo::paths::within;
 use sizeup_heights::camera::{Camera, Distortion};
 
@@ -213,8 +211,7 @@ impl OpfProject {
 }
 
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, SurveyError> {
-    let file = File::open(path).map_err(FileError::on("cannot open", path))?;
-    serde_json::from_reader(BufReader::new(file))
+    serde_json::from_reader(text::open(path)?)
         .map_err(|e| SurveyError::malformed(path, Place::Line(e.line() as u64), e.to_string()))
 }
 

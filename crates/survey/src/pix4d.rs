@@ -14,10 +14,10 @@ use super::angles::{nearest_rotation, rows};
 use super::config::CsvConfig;
 use super::error::Place;
 use super::formats::FileMarks;
+use super::heights::FileUnits;
 use super::poses::{Pose, Poses, World};
-use super::{SurveyConfig, SurveyError, csv};
+use super::{SurveyConfig, SurveyError, csv, text};
 use sizeup_geo::crs::Crs;
-use sizeup_geo::files;
 use sizeup_heights::camera::{Camera, Distortion};
 
 const CALIBRATED: &str = "calibrated_camera_parameters.txt";
@@ -62,9 +62,10 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     };
     let prj = beside("wkt.prj");
     if prj.is_file() {
-        let wkt = files::read_text(&prj)?;
+        let wkt = text::read(&prj)?;
         poses.world = World::Crs(Crs::parse(wkt.trim())?);
     }
+    poses.units = FileUnits::ONE_SCALE;
     Ok(poses)
 }
 
@@ -79,7 +80,7 @@ fn offset(path: &Path) -> Result<DVec3, SurveyError> {
     if !path.is_file() {
         return Ok(DVec3::ZERO);
     }
-    let text = files::read_text(path)?;
+    let text = text::read(path)?;
     match numbers(&text)[..] {
         [x, y, z] => Ok(DVec3::new(x, y, z)),
         _ => Err(SurveyError::malformed(path, Place::Line(1), "expected the offset as x y z")),
@@ -91,7 +92,7 @@ fn numbers(line: &str) -> Vec<f64> {
 }
 
 fn read_calibrated(path: &Path, offset: DVec3) -> Result<Poses, SurveyError> {
-    let text = files::read_text(path)?;
+    let text = text::read(path)?;
     let lines: Vec<&str> = text.lines().collect();
     let mut poses = Poses::new();
     let body = lines.get(HEADER_LINES..).unwrap_or_default();

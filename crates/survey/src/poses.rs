@@ -7,6 +7,7 @@ use glam::{DMat3, DVec3};
 
 use super::angles::North;
 use super::names::NameStyle;
+use super::heights::FileUnits;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::camera::Camera;
@@ -62,6 +63,8 @@ pub(crate) struct Poses {
     pub names: NameStyle,
     /// Names as the file writes them, by those that the photos have, where the two differ.
     pub written: BTreeMap<String, String>,
+    /// Units of its positions.
+    pub units: FileUnits,
     /// Poses in the file's order.
     pub poses: Vec<Pose>,
     /// Poses that the reader refused.
@@ -89,6 +92,7 @@ impl Poses {
             world: World::Unsaid,
             north: North::Grid,
             heights: FileHeights::Unsaid,
+            units: FileUnits::default(),
             poses: Vec::new(),
             issues: Vec::new(),
         }
@@ -96,7 +100,7 @@ impl Poses {
 
     /// The same world without its poses and issues.
     pub(crate) fn clone_empty(&self) -> Self {
-        Self { world: self.world.clone(), north: self.north, heights: self.heights, ..Self::new() }
+        Self { world: self.world.clone(), north: self.north, heights: self.heights, units: self.units, ..Self::new() }
     }
 
     /// Records that a pose cannot be used.

@@ -2,7 +2,7 @@
 //! subtree are bounded, entities beyond the predefined ones are refused: a hostile file costs no more than its size.
 
 use std::collections::BTreeMap;
-use std::io::BufRead;
+use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use quick_xml::Reader;
@@ -10,16 +10,19 @@ use quick_xml::events::{BytesStart, Event};
 
 use super::SurveyError;
 use super::error::Place;
+use super::text::Utf8;
 
 /// Elements nested deeper than this belong to no survey.
 const MAX_DEPTH: usize = 64;
 /// Elements of one subtree (a photo, a sensor); a photo with tie points has some thousands.
 const MAX_ELEMENTS: usize = 1_000_000;
 
-/// An element with all that is in it. Names lack their namespace prefix.
+/// An element with all that is in it. Names lack their namespace prefix; attributes that have one are there by both names.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Element {
     pub name: String,
+    /// Namespace prefix of the name; empty without one.
+    pub prefix: String,
     pub attributes: BTreeMap<String, String>,
     pub text: String,
     pub children: Vec<Element>,
@@ -77,17 +80,17 @@ pub(crate) enum XmlStep {
     Done,
 }
 
-/// A walk through an XML file.
-pub(crate) struct Xml<R> {
-    reader: Reader<R>,
+/// A walk through an XML file. Its encoding is that of all text here ([`Utf8`]), whatever its declaration states.
+pub(crate) struct Xml<R: Read> {
+    reader: Reader<BufReader<Utf8<R>>>,
     path: PathBuf,
     buffer: Vec<u8>,
     open: Vec<String>,
 }
 
-impl<R: BufRead> Xml<R> {
+impl<R: Read> Xml<R> {
     pub(crate) fn new(reader: R, path: &Path) -> Self {
-        let mut reader = Reader::from_reader(reader);
+        let mut reader = Reader::from_reader(BufReader::with_capacity(1 << 16, Utf8::new(reader)));
         let config = reader.config_mut();
         config.expand_empty_elements = true;
         config.check_end_names = true;
@@ -198,12 +201,16 @@ fn resolve(entity: &str) -> Option<char> {
 }
 
 fn opened(start: &BytesStart<'_>) -> Result<Element, String> {
-    let mut element = Element { name: start.local_name().as_ref().to_owned(), ..Element::default() };
+    let prefix = start.name().prefix().map_or_else(String::new, |prefix| prefix.as_ref().to_owned());
+    let mut element = Element { name: start.local_name().as_ref().to_owned(), prefix, ..Element::default() };
     for attribute in start.attributes() {
         let attribute = attribute.map_err(|e| format!("a broken attribute: {e}"))?;
         let value = attribute
             .normalized_value(quick_xml::XmlVersion::Implicit1_0)
             .map_err(|e| format!("a broken attribute: {e}"))?;
+        if attribute.key.prefix().is_some_and(|prefix| prefix.as_ref() != "xmlns") {
+            element.attributes.insert(attribute.key.as_ref().to_owned(), value.clone().into_owned());
+        }
         element.attributes.insert(attribute.key.local_name().as_ref().to_owned(), value.into_owned());
     }
     Ok(element)

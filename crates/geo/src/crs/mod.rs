@@ -221,6 +221,13 @@ impl Crs {
         if axis["unit"] == "metre" { Some(1.0) } else { axis["unit"]["conversion_factor"].as_f64() }
     }
 
+    /// Metres per unit of eastings and northings; `None` where positions are angles.
+    #[must_use]
+    pub fn plane_unit_m(&self) -> Option<f64> {
+        let axis = self.axes().first().filter(|_| !self.is_geographic())?;
+        if axis["unit"] == "metre" { Some(1.0) } else { axis["unit"]["conversion_factor"].as_f64() }
+    }
+
     /// EPSG code of the vertical part of a compound CRS, or of a vertical CRS itself.
     #[must_use]
     pub fn vertical_epsg(&self) -> Option<u32> {
@@ -415,6 +422,11 @@ mod tests {
         let feet = Crs::parse("EPSG:2263+6360").unwrap().height_unit_m().unwrap();
         assert!((feet - 1200.0 / 3937.0).abs() < 1e-12, "{feet}");
         assert_eq!(Crs::parse("EPSG:2263").unwrap().height_unit_m(), None);
+        // International feet.
+        assert_eq!(Crs::parse("EPSG:2868").unwrap().plane_unit_m(), Some(0.3048));
+        assert_eq!(Crs::parse("EPSG:2263").unwrap().plane_unit_m(), Some(feet));
+        let of = |definition: &str| Crs::parse(definition).unwrap().plane_unit_m();
+        assert_eq!((of("EPSG:25832"), of("EPSG:4326"), of("EPSG:4978")), (Some(1.0), None, Some(1.0)));
     }
 
     #[test]

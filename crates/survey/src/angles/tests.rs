@@ -157,3 +157,23 @@ proptest! {
         prop_assert!(largest_difference(quaternion, rotation) < 1e-9);
     }
 }
+
+#[test]
+fn a_camera_below_an_aircraft_looks_down_at_zero_forward_with_pitch_and_sideways_with_roll() {
+    let axis = |angles: [f64; 3]| camera_below(angles).row(2);
+    let top = |angles: [f64; 3]| -camera_below(angles).row(1);
+    for (angles, looks, up) in [
+        // Pix4D's examples: the top of a photo straight down to the north, and to the east.
+        ([0.0, 0.0, 0.0], -DVec3::Z, DVec3::Y),
+        ([90.0, 0.0, 0.0], -DVec3::Z, DVec3::X),
+        ([0.0, 90.0, 0.0], DVec3::Y, DVec3::Z),
+        // The right wing down, flying north: the view goes to the west.
+        ([0.0, 0.0, 30.0], DVec3::new(-0.5, 0.0, -(0.75_f64.sqrt())), DVec3::Y),
+    ] {
+        assert!((axis(angles) - looks).length() < 1e-12 && (top(angles) - up).length() < 1e-12, "{angles:?}");
+    }
+    // Without roll it is a gimbal's whose pitch counts from the nadir.
+    let gimbal = AngleConvention { pitch_zero: PitchZero::Nadir, ..convention(AngleKind::Ypr) };
+    let expected = gimbal.camera_from_world(&[30.0, 45.0, 0.0]).unwrap();
+    assert!(largest_difference(camera_below([30.0, 45.0, 0.0]), expected) < 1e-12);
+}

@@ -9,6 +9,7 @@ use glam::DVec3;
 use super::{CamerasById, ImageRow, models};
 use crate::SurveyError;
 use crate::error::Place;
+use crate::text::decode;
 use sizeup_geo::files::FileError;
 
 /// Bytes of a camera without its parameters.
@@ -157,7 +158,7 @@ impl<'a> Bytes<'a> {
                 return Err(self.error(format!("an image name of more than {MAX_NAME_BYTES} bytes")));
             }
         }
-        String::from_utf8(name).map_err(|_| self.error("an image name is not UTF-8 text"))
+        Ok(decode(&name))
     }
 
     fn skip(&mut self, n_bytes: u64) -> Result<(), SurveyError> {

@@ -18,6 +18,7 @@ pub use points::{SparseGround, sparse_ground};
 
 use super::error::Place;
 use super::formats::FileMarks;
+use super::heights::FileUnits;
 use super::poses::{Pose, Poses};
 use super::{SurveyConfig, SurveyError};
 use sizeup_heights::camera::Camera;
@@ -43,7 +44,7 @@ pub(crate) fn recognises(marks: &FileMarks) -> bool {
 pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let folder = config.path.as_path();
     let file = |stem: &str, extension: &str| folder.join(stem).with_extension(extension);
-    let mut poses = Poses::new();
+    let mut poses = Poses { units: FileUnits::ONE_SCALE, ..Poses::new() };
     if file("images", "bin").is_file() {
         let cameras = binary::cameras(&file("cameras", "bin"))?;
         binary::images(&file("images", "bin"), |row| take(row, &cameras, &mut poses))?;

@@ -56,8 +56,12 @@ pub fn sparse_ground(config: &SurveyConfig, views: &[View]) -> Result<Option<Spa
         return Ok(None);
     }
     let in_project: BTreeMap<&str, f64> = views.iter().map(|view| (view.id.0.as_str(), view.centre().z)).collect();
-    let raised = super::read(config)?.poses.into_iter();
-    let raised = raised.filter_map(|pose| Some(in_project.get(pose.name.as_str())? - pose.centre.z));
+    let model = super::read(config)?;
+    // A world that nobody names is the project's, in metres.
+    let unit_m = config.crs.as_ref().map_or(Ok(1.0), |world| model.units.height_unit_m(&config.height, world))?;
+    points.iter_mut().for_each(|at| *at *= unit_m);
+    let raised = model.poses.into_iter();
+    let raised = raised.filter_map(|pose| Some(in_project.get(pose.name.as_str())? - unit_m * pose.centre.z));
     let Some(raised_m) = median(&raised.collect::<Vec<_>>()) else { return Ok(None) };
     Ok(level(&points).map(|ground| SparseGround { level_m: ground.level_m + raised_m, ..ground }))
 }
@@ -106,6 +110,31 @@ mod tests {
         assert_eq!(level(&town()[..50]), None);
         let on_a_slope: Vec<DVec3> = town().iter().map(|at| at + 0.05 * at.x * DVec3::Z).collect();
         assert!(level(&on_a_slope).unwrap().relief_m > 2.0, "20 m over the town");
+    }
+
+    #[test]
+    fn a_model_in_feet_has_its_ground_in_metres() {
+        const US_FOOT_M: f64 = 1200.0 / 3937.0;
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
+        write("cameras.txt", "1 PINHOLE 400 300 300 300 200 150\n".to_owned());
+        // 90 m above the streets of a town on 10 m.
+        write("images.txt", format!("1 0 1 0 0 0 0 {} 1 a.jpg\n\n", 100.0 / US_FOOT_M));
+        let mut points = String::new();
+        for (i, at) in town().iter().enumerate() {
+            let at = (at + 10.0 * DVec3::Z) / US_FOOT_M;
+            writeln!(points, "{i} {} {} {} 0 0 0 0.5 1 0 2 0 3 0", at.x, at.y, at.z).unwrap();
+        }
+        write("points3D.txt", points);
+        let config = SurveyConfig {
+            crs: Some(sizeup_geo::crs::Crs::parse("EPSG:2263").unwrap()),
+            offset: [984_250.0, 213_254.0, 0.0],
+            ..SurveyConfig::at(folder.path())
+        };
+        let survey = crate::read(&config, &sizeup_geo::crs::Crs::parse("EPSG:32118").unwrap()).unwrap();
+        assert!((survey.views[0].centre().z - 100.0).abs() < 1e-6);
+        let ground = sparse_ground(&config, &survey.views).unwrap().unwrap();
+        assert!((ground.level_m - 10.0).abs() < 0.5 && ground.n == 64, "{ground:?}");
     }
 
     #[test]

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::{CamerasById, ImageRow, models};
-use crate::SurveyError;
 use crate::error::Place;
+use crate::{SurveyError, text};
 use sizeup_geo::files::FileError;
 use sizeup_heights::camera::Camera;
 
@@ -123,15 +123,14 @@ fn number<T: std::str::FromStr>(field: &str) -> Result<T, String> {
 /// Lines of a text file with their numbers; one buffer, whatever the file's size.
 struct NumberedLines<'a> {
     path: &'a Path,
-    reader: BufReader<File>,
+    reader: BufReader<text::Utf8<File>>,
     line: Vec<u8>,
     number: u64,
 }
 
 impl<'a> NumberedLines<'a> {
     fn open(path: &'a Path) -> Result<Self, SurveyError> {
-        let file = File::open(path).map_err(FileError::on("cannot open", path))?;
-        Ok(Self { path, reader: BufReader::with_capacity(1 << 18, file), line: Vec::new(), number: 0 })
+        Ok(Self { path, reader: text::open(path)?, line: Vec::new(), number: 0 })
     }
 
     /// The next line that is neither empty nor a comment.

@@ -32,9 +32,8 @@ use super::error::Place;
 use super::formats::FileMarks;
 use super::names::NameStyle;
 use super::poses::{Pose, Poses, World};
-use super::{SurveyConfig, SurveyError};
+use super::{SurveyConfig, SurveyError, text};
 use sizeup_geo::crs::Crs;
-use sizeup_geo::files;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::camera::{Camera, Distortion};
 
@@ -61,7 +60,7 @@ pub(crate) fn recognises(marks: &FileMarks) -> bool {
 /// Reads the photos of a project.
 pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     let path = config.path.as_path();
-    let text = files::read_text(path)?;
+    let text = text::read(path)?;
     let blocks = blocks(&text);
     if let Some(open) = blocks.last().filter(|block| !block.is_closed) {
         let message = format!("the file ends inside ${}", open.name);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use super::header::PhotoHeader;
-use super::{gimbal_deg, place, rtk_word, xmp};
+use super::{direction, place, rtk_word, xmp};
 
 /// Facts in one photo's header.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -54,7 +54,7 @@ fn facts(path: &Path) -> PhotoFacts {
         place_deg: place(&header, &tags).ok(),
         absolute_m: number("AbsoluteAltitude").or(header.altitude_m()),
         relative_m: number("RelativeAltitude"),
-        has_angles: gimbal_deg(&header, &tags).is_ok(),
+        has_angles: direction::of(&header, &tags).is_ok(),
         rtk: number("RtkFlag").map(|flag| rtk_word(flag as u32)).filter(|word| *word != "none"),
         sigma_m: horizontal_m.zip(number("RtkStdHgt")),
         ..of(None)

@@ -169,3 +169,17 @@ impl PhotoHeader {
 fn in_hundredths(value: f32) -> f64 {
     (f64::from(value) * 100.0).round() / 100.0
 }
+
+#[cfg(test)]
+impl PhotoHeader {
+    /// Header of a photo of which EXIF tells the maker only.
+    pub(super) fn with_make(make: &str) -> Self {
+        let mut tiff = b"II*\0\x08\0\0\0\x01\0\x0F\x01\x02\0".to_vec();
+        tiff.extend(u32::try_from(make.len() + 1).unwrap().to_le_bytes());
+        tiff.extend(26_u32.to_le_bytes());
+        tiff.extend([0; 4]);
+        tiff.extend(make.bytes());
+        tiff.extend([0; 8]);
+        Self { size_px: (320, 240), xmp: None, exif: exif::Reader::new().read_raw(tiff).ok() }
+    }
+}

@@ -82,7 +82,9 @@ fn dewarp(tags: &Tags, (width_px, height_px): (u32, u32)) -> Result<Option<Camer
     let numbers: Option<Vec<f64>> = numbers.split(',').map(|number| number.trim().parse().ok()).collect();
     let Some([fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3]) = numbers.and_then(|n| <[f64; 9]>::try_from(n).ok())
     else {
-        return Err(format!("its DewarpData is {text:?}: expected date;fx,fy,cx,cy,k1,k2,p1,p2,k3"));
+        return Err(format!(
+            "its DewarpData is {text:?}: expected date;fx,fy,cx,cy,k1,k2,p1,p2,k3; declare the camera under [survey.camera]"
+        ));
     };
     // Flag 1: the camera has removed the distortion already.
     let is_dewarped = tags.number("DewarpFlag")? == Some(1.0);

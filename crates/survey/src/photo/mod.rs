@@ -1,4 +1,5 @@
-//! Photos with their own metadata: position and gimbal angles from DJI's XMP, position and lens from EXIF.
+//! Photos with their own metadata: position and direction of view from a drone's XMP, position and lens from EXIF. [`direction`]
+//! has the tags of the makers; what follows is DJI's.
 //!
 //! The gimbal's yaw is used (never the aircraft's), with pitch and roll in one product: roll ±180 frames, a few in
 //! every flight past the nadir, come out right without special cases. Yaw counts from true north. Photos whose XMP was lost keep
@@ -10,6 +11,7 @@
 //! `CalibratedFocalLength`, else focal length over pixel pitch, else the 35 mm equivalent, which is 2-8 % wrong on some
 //! sensors. The EXIF orientation flag is not applied: poses refer to the raster as stored.
 
+mod direction;
 mod facts;
 mod header;
 mod lens;
@@ -24,11 +26,12 @@ use std::sync::Arc;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use self::direction::Direction;
 pub use self::facts::{PhotoFacts, photo_facts};
 use self::header::PhotoHeader;
 use self::motion::Motion;
 use self::mrk::{Logs, Record};
-use super::angles::{AngleConvention, AngleKind, North};
+use super::angles::North;
 use super::config::{CameraConfig, SurveyConfig, VerticalDatum};
 use super::formats::FileMarks;
 use super::poses::{FileHeights, Pose, Poses, World, refused};
@@ -42,21 +45,30 @@ const RTK_FLOAT: u32 = 32;
 const RTK_FIXED: u32 = 50;
 const RTK_SINGLE: u32 = 16;
 
-/// The gimbal's yaw, pitch and roll: names in XMP, and tags of DJI's maker note.
-const GIMBAL: [(&str, u16); 3] = [("GimbalYawDegree", 0x0A), ("GimbalPitchDegree", 0x09), ("GimbalRollDegree", 0x0B)];
-
 /// The yield of one photo.
 struct PhotoReading {
     pose: Pose,
     focal: &'static str,
     rtk: &'static str,
-    is_ellipsoidal: bool,
+    heights: PhotoHeights,
+    direction: Direction,
     /// Why the image log's line is not used.
     mismatch: Option<String>,
     /// Standard deviation of the image log's position, metres, horizontal and vertical, where it is used.
     sigma_m: Option<(f64, f64)>,
     /// Motion while the photo was exposed, where that is told.
     motion: Option<Motion>,
+}
+
+/// Heights as a photo states them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum PhotoHeights {
+    /// Positioned with a base station: above the ellipsoid.
+    Ellipsoidal,
+    /// `AltitudeType` is `RtkAlt`, and nothing states a fix: taken as above the ellipsoid, which not all models write.
+    RtkUnfixed,
+    /// Of no known reference.
+    Unknown,
 }
 
 /// A folder with photos.
@@ -84,14 +96,16 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
         .collect();
     let mut poses = Poses { world: World::Crs(Crs::parse("EPSG:4326")?), north: North::True, ..Poses::new() };
     poses.issues.append(&mut logs.issues);
-    let mut is_ellipsoidal = true;
+    let mut heights = Vec::new();
+    let mut directions = Vec::new();
     let mut sigmas_m = Vec::new();
     let mut motions = Vec::new();
     let mut cameras: BTreeMap<String, Arc<Camera>> = BTreeMap::new();
     for (path, reading) in files.iter().zip(readings) {
         match reading {
-            Ok(PhotoReading { mut pose, focal, rtk, is_ellipsoidal: this, mismatch, sigma_m, motion }) => {
-                is_ellipsoidal &= this;
+            Ok(PhotoReading { mut pose, focal, rtk, heights: this, direction, mismatch, sigma_m, motion }) => {
+                heights.push(this);
+                directions.push(direction);
                 sigmas_m.extend(sigma_m);
                 motions.extend(motion);
                 if let Some(message) = mismatch {
@@ -111,7 +125,12 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
     }
     poses.issues.extend(mrk::remark(folder, &sigmas_m));
     poses.issues.extend(motion::remark(&motions, poses.poses.len()));
-    poses.heights = if is_ellipsoidal { FileHeights::Ellipsoidal } else { FileHeights::Unreliable };
+    poses.issues.extend(direction::remark(&directions));
+    poses.heights =
+        if heights.contains(&PhotoHeights::Unknown) { FileHeights::Unreliable } else { FileHeights::Ellipsoidal };
+    if poses.heights == FileHeights::Ellipsoidal && config.height.reference.is_none() {
+        poses.issues.extend(remark_on_heights(folder, &heights));
+    }
     Ok(poses)
 }
 
@@ -129,9 +148,7 @@ fn read_one(
     let lens =
         lens::of(&header, &tags, declared).map_err(|reason| Box::new(refused("camera_unusable", name, reason)))?;
     let no_pose = |reason: String| Box::new(refused("photo_without_pose", name, reason));
-    let angles = gimbal_deg(&header, &tags).map_err(no_pose)?;
-    let convention = AngleConvention { angles: AngleKind::Ypr, ..AngleConvention::default() };
-    let camera_from_world = convention.camera_from_world(&angles).map_err(no_pose)?;
+    let direction = direction::of(&header, &tags).map_err(no_pose)?;
     let (lon_deg, lat_deg) = place(&header, &tags).map_err(no_pose)?;
     let height_m = if wants_relative {
         let relative = tags.number("RelativeAltitude").map_err(no_pose)?;
@@ -142,20 +159,38 @@ fn read_one(
     };
     let flag = tags.number("RtkFlag").map_err(no_pose)?;
     let mut rtk = flag.map_or("none", |flag| rtk_word(flag as u32));
-    let mut is_ellipsoidal = matches!(rtk, "fixed" | "float") || tags.text("AltitudeType") == Some("RtkAlt");
+    let mut heights = match (rtk, tags.text("AltitudeType")) {
+        ("fixed" | "float", _) => PhotoHeights::Ellipsoidal,
+        (_, Some("RtkAlt")) => PhotoHeights::RtkUnfixed,
+        _ => PhotoHeights::Unknown,
+    };
     let mut centre = DVec3::new(lon_deg, lat_deg, height_m);
     let record = record.filter(|record| record.is_rtk());
     let mismatch = record.and_then(|record| record.disagrees_with((lon_deg, lat_deg)));
     let record = record.filter(|_| mismatch.is_none());
     if let Some(record) = record {
         centre = record.place;
-        is_ellipsoidal = true;
+        heights = PhotoHeights::Ellipsoidal;
         rtk = if record.state == RTK_FIXED { "fixed" } else { "float" };
     }
     let sigma_m = record.map(|record| (record.sigma_m.x.hypot(record.sigma_m.y), record.sigma_m.z));
-    let motion = Motion::of(&header, &tags, lens.camera.fx_px, angles[1]);
+    let motion = Motion::of(&header, &tags, lens.camera.fx_px, direction.pitch_deg);
+    let camera_from_world = direction.camera_from_world;
     let pose = Pose { name: name.to_owned(), camera: Arc::new(lens.camera), camera_from_world, centre };
-    Ok(PhotoReading { pose, focal: lens.source, rtk, is_ellipsoidal, mismatch, sigma_m, motion })
+    Ok(PhotoReading { pose, focal: lens.source, rtk, heights, direction, mismatch, sigma_m, motion })
+}
+
+/// The issue on heights that are taken as ellipsoidal although no photo's positioning says so.
+fn remark_on_heights(folder: &Path, heights: &[PhotoHeights]) -> Option<Issue> {
+    let n_unfixed = heights.iter().filter(|of_photo| **of_photo == PhotoHeights::RtkUnfixed).count();
+    let message = format!(
+        "{n_unfixed} of {} photos have AltitudeType RtkAlt without an RTK fix (RtkFlag): their heights are taken as ellipsoidal for it, \
+         which not all models write",
+        heights.len()
+    );
+    let subject = Subject::Input(folder.display().to_string());
+    let issue = Issue::new(Severity::Warning, "height_reference_assumed", subject, message);
+    (n_unfixed > 0).then(|| issue.hint("if they count from sea level or from the take-off, set `height.reference`"))
 }
 
 /// A flag of DJI in a word.
@@ -166,23 +201,6 @@ fn rtk_word(flag: u32) -> &'static str {
         RTK_SINGLE => "single",
         _ => "none",
     }
-}
-
-/// The gimbal's angles, all three of one source: XMP, or where it has none of them, the maker note.
-fn gimbal_deg(header: &PhotoHeader, tags: &xmp::Tags) -> Result<[f64; 3], String> {
-    let mut angles = [None; 3];
-    for (angle, (name, _)) in angles.iter_mut().zip(GIMBAL) {
-        *angle = tags.number(name)?;
-    }
-    if angles == [None; 3] {
-        angles = GIMBAL.map(|(_, tag)| header.maker_note(tag));
-    }
-    if let [Some(yaw), Some(pitch), Some(roll)] = angles {
-        return Ok([yaw, pitch, roll]);
-    }
-    let missing = GIMBAL.iter().zip(angles).find(|(_, angle)| angle.is_none());
-    let name = missing.map_or("the gimbal's angles", |((name, _), _)| name);
-    Err(format!("its metadata lack {name}: the direction of view is unknown"))
 }
 
 /// Longitude and latitude: XMP has more digits than EXIF, and a spelling mistake of its own.

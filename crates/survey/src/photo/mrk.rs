@@ -20,8 +20,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use super::{RTK_FIXED, RTK_FLOAT};
-use crate::SurveyError;
-use sizeup_geo::files;
+use crate::{SurveyError, text};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 
 /// Farther from the photo's own position, metres, a line belongs to another photo: a receiver without a base station is off
@@ -120,7 +119,7 @@ impl Logs {
     }
 
     fn read_log(&mut self, path: &Path) -> Result<BTreeMap<u32, Record>, SurveyError> {
-        let text = files::read_text(path)?;
+        let text = text::read(path)?;
         let mut records = BTreeMap::new();
         let mut broken = Vec::new();
         for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {

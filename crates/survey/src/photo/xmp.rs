@@ -1,4 +1,5 @@
-//! The tags of an XMP packet, by their names without prefix: attributes and simple elements alike.
+//! The tags of an XMP packet: attributes and simple elements alike, by their names without prefix, by their names with prefix
+//! (`Camera:Yaw`), and where they are parts of another by both (`drone-skydio:CameraOrientationNED/Yaw`).
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,13 +17,25 @@ impl Tags {
         self.0.get(name).map(String::as_str)
     }
 
-    /// A tag's number, which DJI writes with a sign: `+28.29`.
+    /// A tag's number, which DJI writes with a sign (`+28.29`) and others as a fraction (`2829/100`).
     pub(super) fn number(&self, name: &str) -> Result<Option<f64>, String> {
         let Some(text) = self.text(name) else { return Ok(None) };
-        match text.trim().parse::<f64>() {
-            Ok(number) if number.is_finite() => Ok(Some(number)),
-            _ => Err(format!("its {name} is {text:?}: expected a number")),
+        let parsed = match text.split_once('/') {
+            Some((numerator, denominator)) => {
+                let parts = numerator.trim().parse::<f64>().ok().zip(denominator.trim().parse::<f64>().ok());
+                parts.map(|(numerator, denominator)| numerator / denominator)
+            }
+            None => text.trim().parse().ok(),
+        };
+        match parsed.filter(|number| number.is_finite()) {
+            Some(number) => Ok(Some(number)),
+            None => Err(format!("its {name} is {text:?}: expected a number")),
         }
+    }
+
+    /// Names with a prefix.
+    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
+        self.0.keys().map(String::as_str).filter(|name| name.contains(':'))
     }
 }
 
@@ -34,21 +47,38 @@ pub(super) fn tags(packet: &[u8], path: &Path) -> Result<Tags, SurveyError> {
     let mut tags = Tags::default();
     loop {
         match xml.step()? {
-            XmlStep::Start(start) => collect(&xml.element(start)?, &mut tags),
+            XmlStep::Start(start) => collect(&xml.element(start)?, "", &mut tags),
             XmlStep::End(_) => {}
             XmlStep::Done => return Ok(tags),
         }
     }
 }
 
-fn collect(element: &Element, tags: &mut Tags) {
-    for (name, value) in &element.attributes {
-        tags.0.insert(name.clone(), value.clone());
+/// Adds the tags of an element, which is a part of `parent`: the name of a tag with its prefix, or nothing.
+fn collect(element: &Element, parent: &str, tags: &mut Tags) {
+    // Containers of RDF and of the packet itself are no tags.
+    let is_tag = !element.prefix.is_empty() && !["rdf", "x"].contains(&element.prefix.as_str());
+    let name = if is_tag { format!("{}:{}", element.prefix, element.name) } else { parent.to_owned() };
+    for (key, value) in &element.attributes {
+        tags.insert(key, &name, value);
     }
     if element.children.is_empty() && !element.text.trim().is_empty() {
-        tags.0.insert(element.name.clone(), element.text.trim().to_owned());
+        let text = element.text.trim();
+        tags.insert(&element.name, parent, text);
+        if is_tag {
+            tags.insert(&name, "", text);
+        }
     }
     for child in &element.children {
-        collect(child, tags);
+        collect(child, &name, tags);
+    }
+}
+
+impl Tags {
+    fn insert(&mut self, key: &str, parent: &str, value: &str) {
+        if !parent.is_empty() && !key.contains(':') {
+            self.0.insert(format!("{parent}/{key}"), value.to_owned());
+        }
+        self.0.insert(key.to_owned(), value.to_owned());
     }
 }
