@@ -91,6 +91,8 @@ pub(super) struct Datum {
     gap_m: f64,
     /// Zero of the project's heights, in words.
     pub vertical_reference: Option<String>,
+    /// Conversion of the poses' heights to metres, in words; empty where they are metres.
+    pub unit_of_poses: String,
     /// Ground, in a line.
     pub ground_in_words: String,
     /// Zero of heights, in a line.

@@ -72,6 +72,7 @@ pub(super) fn asked(definition: &str, place: &PhotoPlaces) -> Result<CrsCandidat
         (error, _) => error,
     };
     crs.require_projected_metres().map_err(better)?;
+    crs.require_heights_in_metres()?;
     let definition = definition.trim().to_owned();
     Ok(CrsCandidate { crs, definition, why: "as asked for by --crs".to_owned() })
 }
@@ -82,7 +83,7 @@ pub(super) fn candidates(
     neighbours: &[NeighbourFile<'_>],
     photos_at: &PhotoPlaces,
 ) -> Vec<CrsCandidate> {
-    let is_fit = |crs: &Crs| crs.require_projected_metres().is_ok();
+    let is_fit = |crs: &Crs| crs.require_projected_metres().is_ok() && crs.require_heights_in_metres().is_ok();
     let own = match &source.look.world {
         PoseWorld::Named(crs) if is_fit(crs) => {
             let by = source.placed_by.as_ref().map_or_else(String::new, |by| format!(", by {by}"));

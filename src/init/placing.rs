@@ -141,6 +141,9 @@ pub(super) fn place_in(
     let geoid_m = PhotoPlaces::of(&found.source.look).middle_deg().and_then(datum::geoid_m);
     let stated = found.source.look.heights;
     let mut datum = datum::settle(&DatumFacts { stated, is_reached, why_not, takeoff, geoid_m, ground });
+    let converted = reading.heights().split_once("; converted to metres");
+    datum.unit_of_poses =
+        converted.map(|(_, from)| format!("; heights are converted to metres{from}")).unwrap_or_default();
     if !datum.lacks.is_empty() {
         return Ok(Placed { frame, datum, survey: reading.into_survey(), terrain: None });
     }
@@ -155,9 +158,6 @@ pub(super) fn place_in(
         notes.lacks.push(Lack::new("poses that look right", why, better.into_iter().next().unwrap_or(inspect)));
     }
     notes.warnings.extend(report.notes.iter().cloned());
-    if let Some((_, from)) = report.heights.split_once("; converted to metres") {
-        datum.in_words.push_str(&format!("; the poses' are converted to metres{from}"));
-    }
     let mut survey = reading.into_survey();
     survey.views.sort_by(|a, b| a.id.cmp(&b.id));
     Ok(Placed { frame, datum, survey, terrain })

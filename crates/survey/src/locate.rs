@@ -281,6 +281,7 @@ fn require_frame(poses: &Poses, (world, offset): (&Crs, DVec3), project_crs: &Cr
     let first = poses.poses.first().map(|pose| pose.centre + offset).filter(|centre| centre.is_finite());
     let moved = |centre: DVec3, to: &Crs| Transform::new(world, to).ok()?.point(centre.x, centre.y).ok();
     let Err(refused) = project_crs.require_projected_metres() else {
+        project_crs.require_heights_in_metres()?;
         let Some((easting, northing)) = first.and_then(|centre| moved(centre, project_crs)) else { return Ok(()) };
         return Ok(project_crs.require_true_scale_at(easting, northing)?);
     };

@@ -48,6 +48,31 @@ impl Crs {
         format!("the {what} at {lon_deg:.3}°, {lat_deg:.3}° (longitude, latitude): use {use_it}, or the national grid")
     }
 
+    /// Checks that its heights, where it has any, are counted in metres, as a project's are.
+    ///
+    /// # Errors
+    /// [`CrsError::NotProjectedInMetres`] with the vertical system in metres on the same datum.
+    pub fn require_heights_in_metres(&self) -> Result<(), CrsError> {
+        if self.height_unit_m().is_none_or(|unit_m| unit_m == 1.0) {
+            return Ok(());
+        }
+        let name = self.vertical_name().unwrap_or_else(|| self.name());
+        // "NAVD88 height (ftUS)" and "NAVD88 height", "NGVD29 height (ftUS)" and "NGVD29 height (m)".
+        let plain = name.split_once(" (ft").map_or(name, |(plain, _)| plain);
+        let twin = [plain.to_owned(), format!("{plain} (m)")].into_iter().find_map(|name| {
+            let code = *grids::codes_of_name(&name)?.first()?;
+            Self::parse(&format!("EPSG:{code}")).ok().filter(|vertical| vertical.has_heights_of(self))?.vertical_epsg()
+        });
+        let hint = match (self.horizontal_epsg(), twin) {
+            (Some(plane), Some(heights)) => {
+                format!("use EPSG:{plane}+{heights}: files in feet are converted where they state it")
+            }
+            _ => "name a vertical part that counts metres, or none".to_owned(),
+        };
+        let found = format!("heights in another unit ({name})");
+        Err(CrsError::NotProjectedInMetres { definition: self.definition().to_owned(), found, hint })
+    }
+
     /// Checks that a metre of this projected CRS is a metre on the ground at a place of it: maps of the world and of continents
     /// stretch lengths.
     ///
@@ -60,7 +85,7 @@ impl Crs {
             return Ok(());
         };
         let worst = scale.into_iter().max_by(|a, b| (a - 1.0).abs().total_cmp(&(b - 1.0).abs())).unwrap_or(1.0);
-        if !((worst - 1.0).abs() > MOST_SCALE_ERROR) {
+        if worst.is_nan() || (worst - 1.0).abs() <= MOST_SCALE_ERROR {
             return Ok(());
         }
         Err(CrsError::NotProjectedInMetres {
@@ -100,6 +125,16 @@ mod tests {
         assert_eq!(twin("EPSG:3857", 9.98, 53.54), Some(32632));
         // A place that the grid is not meant for.
         assert_eq!(twin("EPSG:2263", 9.98, 53.54), None);
+    }
+
+    #[test]
+    fn a_project_counts_heights_in_metres() {
+        let refused = |text: &str| Crs::parse(text).unwrap().require_heights_in_metres().err().map(|e| e.to_string());
+        assert!(refused("EPSG:32118+6360").unwrap().contains("use EPSG:32118+5703"));
+        assert!(refused("EPSG:32118+5702").unwrap().contains("use EPSG:32118+7968"));
+        for fine in ["EPSG:32118", "EPSG:32118+5703", "EPSG:7415", "EPSG:25832+7837"] {
+            assert_eq!(refused(fine), None, "{fine}");
+        }
     }
 
     #[test]

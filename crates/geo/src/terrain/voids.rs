@@ -100,24 +100,34 @@ impl Voids {
         let issue = |severity, code, message: String, hint: String| {
             Issue::new(severity, code, Subject::Input(path.display().to_string()), message).hint(hint)
         };
-        let declare = |value: f32| format!("`gdal_edit.py -a_nodata {value} {}` declares them", path.display());
+        let declare =
+            |value: f32| format!("`gdal_edit.py -a_nodata {} {}` declares them", shown(value), path.display());
         let impossible = self.impossible.map(|(n, low, high)| {
-            let what = if low.to_bits() == high.to_bits() { low.to_string() } else { format!("{low} to {high}") };
+            let what =
+                if low.to_bits() == high.to_bits() { shown(low) } else { format!("{} to {}", shown(low), shown(high)) };
             let message = format!("{n} cells hold {what}, which no ground has: they count as cells without a value");
             issue(Severity::Note, "terrain_voids", message, declare(low))
         });
         let filled = self.filled.iter().map(|(bits, found)| {
             let (value, rise_m) = (f32::from_bits(*bits), found.least_rise * counted.unit_m);
             let message = format!(
-                "{} cells in {} patches hold exactly {value}, at least {rise_m:.1} m below the ground on all sides: they count as \
+                "{} cells in {} patches hold exactly {}, at least {rise_m:.1} m below the ground on all sides: they count as \
                  cells without a value",
-                found.n_cells, found.n_patches
+                found.n_cells,
+                found.n_patches,
+                shown(value)
             );
             let hint = format!("{}; if they are ground, use a terrain model that slopes down to them", declare(value));
             issue(Severity::Warning, "terrain_filled_in", message, hint)
         });
         impossible.into_iter().chain(filled).collect()
     }
+}
+
+/// A value as it is written: the largest numbers with their powers of ten.
+fn shown(value: f32) -> String {
+    const LONG: f32 = 1e7;
+    if value.abs() < LONG { value.to_string() } else { format!("{value:e}") }
 }
 
 /// Patches with walls on all sides, in ground without such steps.
@@ -220,7 +230,7 @@ mod tests {
             assert_eq!(n_blank(&heights), 24, "{value}");
             let issues = voids.issues(Path::new("dtm.tif"), counted);
             let message = &issues[0].message;
-            assert!(issues.len() == 1 && message.starts_with(&format!("24 cells hold {value}")), "{message}");
+            assert!(issues.len() == 1 && message.starts_with(&format!("24 cells hold {},", shown(value))), "{message}");
         }
         // Denver in feet.
         let mut denver = ground(9_800.0, |_, _| true);
