@@ -325,7 +325,7 @@ fn heights_grid(config: &RunConfig) -> DoctorFinding {
     let is_needed = height.reference == Some(VerticalDatum::Ellipsoidal) && !is_shift_given;
     let text = error.to_string();
     let (found, advice) = text.split_once("\nhint: ").unwrap_or((&text, ""));
-    let grids = Crs::parse(ELLIPSOIDAL).map(|ellipsoid| crs::height_grids(crs, &ellipsoid)).unwrap_or_default();
+    let grids = Crs::parse(ELLIPSOIDAL).map(|ellipsoid| crs::height_grids(crs, &ellipsoid, None)).unwrap_or_default();
     // PROJ hands out its own; what agencies call the same file is second best.
     let best = grids.iter().find(|grid| grid.command().is_some()).or(grids.first());
     let hint = best.map_or_else(

@@ -53,6 +53,8 @@ pub(super) enum KnownGround<'a> {
     Model(&'a TerrainFile, MedianHeight),
     /// One height that somebody gave.
     Given(f64),
+    /// A terrain model that does not say in what unit its heights are.
+    Unread(&'a TerrainFile),
     /// Rough level by the sparse points of the photos' model, in the poses' heights, and the relief of open ground, metres.
     Points(MedianHeight, f64),
     /// No ground is known.
@@ -63,7 +65,7 @@ impl KnownGround<'_> {
     fn level(&self) -> Option<MedianHeight> {
         match self {
             Self::Model(_, level) | Self::Points(level, _) => Some(*level),
-            Self::Given(_) | Self::Nothing => None,
+            Self::Unread(_) | Self::Given(_) | Self::Nothing => None,
         }
     }
 }
@@ -89,6 +91,8 @@ pub(super) struct Datum {
     gap_m: f64,
     /// Zero of the project's heights, in words.
     pub vertical_reference: Option<String>,
+    /// Conversion of the poses' heights to metres, in words; empty where they are metres.
+    pub unit_of_poses: String,
     /// Ground, in a line.
     pub ground_in_words: String,
     /// Zero of heights, in a line.
@@ -128,6 +132,7 @@ fn by_ground(known: &DatumFacts<'_>) -> Datum {
             doubt_given(&mut datum, known, level_m);
             datum
         }
+        KnownGround::Unread(file) => without_unit(known, file),
         KnownGround::Points(level, relief_m) => from_points(known, level, relief_m),
         KnownGround::Nothing => from_takeoff(known),
     }
@@ -192,6 +197,26 @@ fn from_takeoff(known: &DatumFacts<'_>) -> Datum {
          differ by the relief); the photos find the terrain from there"
     );
     datum.terrain_entries.push(ConfigEntry::new("constant_m", format!("{level_m:?}"), datum.ground_in_words.clone()));
+    datum
+}
+
+/// A terrain model in feet or metres, which only its maker knows.
+fn without_unit(known: &DatumFacts<'_>, file: &TerrainFile) -> Datum {
+    let mut datum = as_they_are(known);
+    let name = super::folder::name_of(&file.path);
+    let why = format!("{name} counts positions in feet and does not say in what it counts heights");
+    datum.ground_in_words.clone_from(&file.why);
+    let code = file.crs.as_ref().and_then(Crs::horizontal_epsg);
+    let plane = code.map_or_else(|| "EPSG:2263".to_owned(), |code| format!("EPSG:{code}"));
+    let about = format!(
+        "MISSING: the unit of {name}: in the USA \"{plane}+6360\" (NAVD88 in US survey feet) or \"{plane}+5703\" (in metres)"
+    );
+    datum.terrain_entries.push(ConfigEntry::off("crs", format!("\"{plane}+6360\""), about));
+    datum.lacks.push(Lack::new(
+        "the unit of the terrain model",
+        why,
+        file.how_to_state_unit.clone().unwrap_or_default(),
+    ));
     datum
 }
 

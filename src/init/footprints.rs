@@ -265,7 +265,7 @@ fn area_m2(feature: &Feature, crs: &Crs) -> Option<f64> {
         let lat_deg = shape.bounding_rect()?.center().y;
         DEGREE_M * DEGREE_M * lat_deg.to_radians().cos()
     } else {
-        1.0
+        crs.plane_unit_m().unwrap_or(1.0).powi(2)
     };
     Some(shape.unsigned_area() * scale)
 }

@@ -1,5 +1,5 @@
-//! Which CRS a project gets: the one that is asked for, that of the poses, that of the footprints or the terrain, else the UTM zone
-//! of the photos.
+//! Which CRS a project gets: the one that is asked for, that of the poses, that of the footprints or the terrain, else a grid in
+//! metres on the datum of one of these where they count feet, else the UTM zone of the photos.
 
 use super::InitError;
 use super::place::PhotoPlaces;
@@ -48,20 +48,31 @@ pub(super) fn short(crs: &Crs) -> String {
     }
 }
 
+/// A CRS by its code where it has one, else by its name.
+fn short_name(crs: &Crs) -> String {
+    crs.horizontal_epsg().map_or_else(|| crs.name().to_owned(), |code| format!("EPSG:{code}"))
+}
+
 /// The CRS that is asked for.
 pub(super) fn asked(definition: &str, place: &PhotoPlaces) -> Result<CrsCandidate, InitError> {
     let crs = Crs::parse(definition)?;
     let better = |error| match (error, place.middle_deg()) {
         (CrsError::NotProjectedInMetres { definition, found, .. }, Some((lon, lat))) => {
-            let zone = utm(lon, lat).map_or_else(|| Crs::utm_zone(lon, lat), |crs| short(&crs));
-            let hint = format!(
-                "the photos lie at {lon:.3}°, {lat:.3}° (longitude, latitude): use {zone} (UTM), the national grid, or leave --crs out"
-            );
+            let hint = if crs.is_metric() {
+                let zone = utm(lon, lat).map_or_else(|| Crs::utm_zone(lon, lat), |crs| short(&crs));
+                format!(
+                    "the photos lie at {lon:.3}°, {lat:.3}° (longitude, latitude): use {zone} (UTM), the national grid, or leave --crs \
+                     out"
+                )
+            } else {
+                format!("{}, or leave --crs out", crs.advice_at("photos lie", lon, lat))
+            };
             CrsError::NotProjectedInMetres { definition, found, hint }
         }
         (error, _) => error,
     };
     crs.require_projected_metres().map_err(better)?;
+    crs.require_heights_in_metres()?;
     let definition = definition.trim().to_owned();
     Ok(CrsCandidate { crs, definition, why: "as asked for by --crs".to_owned() })
 }
@@ -72,7 +83,7 @@ pub(super) fn candidates(
     neighbours: &[NeighbourFile<'_>],
     photos_at: &PhotoPlaces,
 ) -> Vec<CrsCandidate> {
-    let is_fit = |crs: &Crs| crs.require_projected_metres().is_ok();
+    let is_fit = |crs: &Crs| crs.require_projected_metres().is_ok() && crs.require_heights_in_metres().is_ok();
     let own = match &source.look.world {
         PoseWorld::Named(crs) if is_fit(crs) => {
             let by = source.placed_by.as_ref().map_or_else(String::new, |by| format!(", by {by}"));
@@ -84,12 +95,26 @@ pub(super) fn candidates(
     let near = neighbours.iter().filter(coded);
     let near = near.map(|near| CrsCandidate::new(near.crs.clone(), format!("the CRS of {}", near.name)));
     let place = PhotoPlaces::of(&source.look);
+    let of_poses = match &source.look.world {
+        PoseWorld::Named(crs) => Some(("the poses", crs)),
+        PoseWorld::Local | PoseWorld::Unsaid(_) => None,
+    };
+    let named = of_poses.into_iter().chain(neighbours.iter().map(|near| (near.name.as_str(), near.crs)));
+    let in_feet = named.filter(|(_, crs)| !crs.is_metric());
+    let mut twins: Vec<CrsCandidate> = in_feet
+        .filter_map(|(name, crs)| {
+            let (lon, lat) = place.middle_deg()?;
+            let why = format!("in metres, on the datum of {name}, which count feet in {}", short_name(crs));
+            Some(CrsCandidate::new(crs.in_metres_at(lon, lat)?, why))
+        })
+        .collect();
+    twins.dedup_by(|a, b| a.definition == b.definition);
     let zone = place.middle_deg().and_then(|(lon, lat)| {
         let why = format!("the UTM zone of the photos, at {lon:.4}°, {lat:.4}° (longitude, latitude)");
         Some(CrsCandidate::new(utm(lon, lat)?, why))
     });
     let confirmed = confirmed(source, photos_at);
-    own.into_iter().chain(near).chain(zone).chain(confirmed).collect()
+    own.into_iter().chain(near).chain(twins).chain(zone).chain(confirmed).collect()
 }
 
 /// The zone in which the photos' own positions are where poses of an unnamed grid are.
@@ -110,12 +135,9 @@ fn confirmed(source: &PoseSource, photos_at: &PhotoPlaces) -> Option<CrsCandidat
 fn utm(lon_deg: f64, lat_deg: f64) -> Option<Crs> {
     let zone = (((lon_deg + 180.0) / 6.0).floor() as i64).rem_euclid(60) + 1;
     let european = ETRS89_ZONES.contains(&zone).then(|| Crs::parse(&format!("EPSG:258{zone}")).ok()).flatten();
-    let holds = |crs: &Crs| {
-        crs.area_of_use_deg().is_some_and(|[west, south, east, north]| {
-            (west..=east).contains(&lon_deg) && (south..=north).contains(&lat_deg)
-        })
-    };
-    european.filter(holds).or_else(|| Crs::parse(&Crs::utm_zone(lon_deg, lat_deg)).ok())
+    european
+        .filter(|crs| crs.is_meant_for(lon_deg, lat_deg))
+        .or_else(|| Crs::parse(&Crs::utm_zone(lon_deg, lat_deg)).ok())
 }
 
 #[cfg(test)]

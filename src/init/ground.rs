@@ -9,7 +9,7 @@ use super::folder::{Inventory, name_of};
 use super::place::PhotoPlaces;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::geodata::raster::RasterFile;
-use sizeup_geo::terrain::MapBox;
+use sizeup_geo::terrain::{self, MapBox, TerrainConfig, TerrainError};
 
 /// Parts of names of terrain models, lower case.
 const TERRAIN: [&str; 11] = ["dtm", "dgm", "dhm", "mnt", "mdt", "nmt", "dem", "terrain", "ground", "bare", "gelaende"];
@@ -31,6 +31,9 @@ pub struct TerrainFile {
     /// CRS of the raster; `None` where it names none.
     #[serde(skip)]
     pub crs: Option<Crs>,
+    /// Way to state the unit of its heights, where positions are in feet and nothing says it.
+    #[serde(skip)]
+    pub how_to_state_unit: Option<String>,
 }
 
 /// A raster that is not taken.
@@ -143,14 +146,25 @@ fn look(path: &Path, place: &PhotoPlaces) -> Result<TerrainFile, String> {
     }
     let is_named = called(path) == Called::Terrain;
     let steps = if sample.is_float { "" } else { " (whole metres)" };
-    let why =
-        format!("one band of heights{steps} where the photos are{}", if is_named { ", named as terrain" } else { "" });
+    let (unit, how_to_state_unit) = match terrain::height_unit_m(&TerrainConfig::dtm(path)) {
+        Err(TerrainError::HeightUnit { hint, .. }) => {
+            ("; nothing says whether heights are feet or metres".to_owned(), Some(hint))
+        }
+        Ok(unit_m) if unit_m != 1.0 => (format!("; heights are converted to metres from units of {unit_m:.9} m"), None),
+        // What else is wrong is told when it is read.
+        Ok(_) | Err(_) => (String::new(), None),
+    };
+    let why = format!(
+        "one band of heights{steps} where the photos are{}{unit}",
+        if is_named { ", named as terrain" } else { "" }
+    );
     Ok(TerrainFile {
         path: path.to_owned(),
         why,
         vertical: crs.vertical_name().map(str::to_owned),
         is_named,
         crs: Some(crs),
+        how_to_state_unit,
     })
 }
 

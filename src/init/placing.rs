@@ -9,9 +9,10 @@ use super::place::PhotoPlaces;
 use super::poses::{self, PoseSource};
 use super::project::{Findings, Lack, Notes};
 use super::{InitError, InitRequest};
-use sizeup_geo::terrain::{self, MapBox, Terrain, TerrainConfig};
+use sizeup_geo::issue::Severity;
+use sizeup_geo::terrain::{self, LoadedTerrain, MapBox, Terrain, TerrainConfig};
 use sizeup_survey::{
-    HeightConfig, Reading, Site, Survey, SurveyConfig, SurveyError, VerticalDatum, View, sparse_ground,
+    HeightConfig, PoseWorld, Reading, Site, Survey, SurveyConfig, SurveyError, VerticalDatum, View, sparse_ground,
 };
 
 /// A survey in the project's frame.
@@ -71,6 +72,14 @@ fn survey_of(found: &Findings) -> SurveyConfig {
 
 pub(super) fn lack_of_frame(source: &PoseSource) -> Lack {
     let name = name_of(&source.config.path);
+    if let PoseWorld::Named(crs) = &source.look.world {
+        let why = format!("{name} is in {}, and no projected CRS in metres is reached from there", crs.name());
+        return Lack::new(
+            "the CRS",
+            why,
+            "--crs, such as --crs EPSG:25832: a projected CRS in metres on the same datum",
+        );
+    }
     if source.is_placed() {
         let why = format!("{name} does not say which CRS its positions are in, and nothing here tells");
         return Lack::new(
@@ -111,7 +120,9 @@ pub(super) fn place_in(
         }
     };
     let views = &reading.survey().views;
-    let model = found.ground.chosen.as_ref().map(|file| level_of(file, &frame, views).map(|level| (file, level)));
+    let unit_unsaid = found.ground.chosen.as_ref().filter(|file| file.how_to_state_unit.is_some());
+    let model = found.ground.chosen.as_ref().filter(|_| unit_unsaid.is_none());
+    let model = model.map(|file| level_of(file, &frame, views, notes).map(|level| (file, level)));
     let model = match model.transpose() {
         Ok(model) => model,
         Err(why) => {
@@ -120,15 +131,19 @@ pub(super) fn place_in(
         }
     };
     let takeoff = flight::takeoff(views, &found.facts);
-    let ground = match (model, request.ground_m) {
-        (_, Some(level_m)) => KnownGround::Given(level_m),
-        (Some((file, level)), None) => KnownGround::Model(file, level),
-        (None, None) if takeoff.is_some() => KnownGround::Nothing,
-        (None, None) => by_points(found, views, notes).unwrap_or(KnownGround::Nothing),
+    let ground = match (model, unit_unsaid, request.ground_m) {
+        (_, _, Some(level_m)) => KnownGround::Given(level_m),
+        (Some((file, level)), ..) => KnownGround::Model(file, level),
+        (None, Some(file), None) => KnownGround::Unread(file),
+        (None, None, None) if takeoff.is_some() => KnownGround::Nothing,
+        (None, None, None) => by_points(found, views, notes).unwrap_or(KnownGround::Nothing),
     };
     let geoid_m = PhotoPlaces::of(&found.source.look).middle_deg().and_then(datum::geoid_m);
     let stated = found.source.look.heights;
-    let datum = datum::settle(&DatumFacts { stated, is_reached, why_not, takeoff, geoid_m, ground });
+    let mut datum = datum::settle(&DatumFacts { stated, is_reached, why_not, takeoff, geoid_m, ground });
+    let converted = reading.heights().split_once("; converted to metres");
+    datum.unit_of_poses =
+        converted.map(|(_, from)| format!("; heights are converted to metres{from}")).unwrap_or_default();
     if !datum.lacks.is_empty() {
         return Ok(Placed { frame, datum, survey: reading.into_survey(), terrain: None });
     }
@@ -166,15 +181,22 @@ fn told_apart(error: &SurveyError) -> (String, String) {
 }
 
 /// A terrain model's level under the cameras.
-fn level_of(file: &TerrainFile, frame: &CrsCandidate, views: &[View]) -> Result<MedianHeight, String> {
+fn level_of(
+    file: &TerrainFile,
+    frame: &CrsCandidate,
+    views: &[View],
+    notes: &mut Notes,
+) -> Result<MedianHeight, String> {
     let config = TerrainConfig { vertical_offset_m: Some(0.0), ..TerrainConfig::dtm(&file.path) };
-    let terrain = load(&config, frame, views)?;
+    let LoadedTerrain { terrain, issues } = load(&config, frame, views)?;
+    let warnings = issues.into_iter().filter(|issue| issue.severity > Severity::Note);
+    notes.warnings.extend(warnings.map(|issue| format!("{}: {}", name_of(&file.path), issue.message)));
     let heights: Vec<f64> =
         views.iter().filter_map(|view| terrain.height_at(view.centre().x, view.centre().y)).collect();
     MedianHeight::of(&heights).ok_or_else(|| format!("{} has no heights under the cameras", name_of(&file.path)))
 }
 
-fn load(config: &TerrainConfig, frame: &CrsCandidate, views: &[View]) -> Result<Terrain, String> {
+fn load(config: &TerrainConfig, frame: &CrsCandidate, views: &[View]) -> Result<LoadedTerrain, String> {
     /// Oblique photos look so far beyond where they are, metres.
     const AROUND_M: f64 = 100.0;
     /// Finer cells tell no more here, metres.
@@ -182,7 +204,7 @@ fn load(config: &TerrainConfig, frame: &CrsCandidate, views: &[View]) -> Result<
     let cameras = views.iter().map(|view| (view.centre().x, view.centre().y));
     let area = MapBox::around(cameras).ok_or("no camera has a place")?.grown(AROUND_M);
     let config = TerrainConfig { min_cell_m: MIN_CELL_M, ..config.clone() };
-    terrain::load(&config, &frame.crs, area).map_err(|e| poses::one_line(&e))
+    terrain::load_with_issues(&config, &frame.crs, area).map_err(|e| poses::one_line(&e))
 }
 
 /// The ground as the run will have it.
@@ -191,7 +213,8 @@ fn terrain_of(datum: &Datum, ground: &KnownGround<'_>, frame: &CrsCandidate, vie
         (_, Some(level_m)) => Some(Terrain::Constant(level_m)),
         (KnownGround::Model(file, _), None) => {
             let offset = Some(datum.offset_m.unwrap_or(0.0));
-            load(&TerrainConfig { vertical_offset_m: offset, ..TerrainConfig::dtm(&file.path) }, frame, views).ok()
+            let config = TerrainConfig { vertical_offset_m: offset, ..TerrainConfig::dtm(&file.path) };
+            load(&config, frame, views).ok().map(|loaded| loaded.terrain)
         }
         _ => None,
     }

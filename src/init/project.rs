@@ -254,7 +254,7 @@ fn conclude(request: &InitRequest, story: Story) -> Result<Beginning, InitError>
             path: found.source.config.path.clone(),
             format: found.source.config.format.name(),
             is_adjusted: found.source.is_adjusted(),
-            why: found.why_these_poses(),
+            why: found.why_these_poses() + &datum.unit_of_poses,
             passed: found.passed,
         },
         crs: frame.map(|f| CrsFound { name: f.crs.name().to_owned(), definition: f.definition, why: f.why }),

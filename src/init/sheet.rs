@@ -77,9 +77,10 @@ fn project(sheet: &mut ConfigText, placed: Option<&Placed>) {
 fn survey(sheet: &mut ConfigText, home: &Path, found: &Findings, placed: Option<&Placed>) {
     let config = &found.source.config;
     sheet.table("survey");
+    let converted = placed.map_or("", |placed| placed.datum.unit_of_poses.as_str());
     let mut entries = vec![
         ConfigEntry::new("format", quoted(&config.format.name()), ""),
-        ConfigEntry::path("path", &config.path, home, found.why_these_poses()),
+        ConfigEntry::path("path", &config.path, home, found.why_these_poses() + converted),
     ];
     match &found.images {
         Some(images) if config.format == Format::Photos && images.starts_with(&config.path) => {}

@@ -105,9 +105,13 @@ pub fn write_project<R: Records + ?Sized>(
         Err(_) => config.saved_path(path),
     });
     let ground = match (&path, terrain.constant_m) {
-        (Some(path), _) => {
-            ProjectGround::Model { path, crs: own.as_ref(), offset_m: terrain.vertical_offset_m.unwrap_or(0.0) }
-        }
+        (Some(path), _) => ProjectGround::Model {
+            path,
+            crs: own.as_ref(),
+            // A run has read it, so that its unit is known.
+            unit_m: sizeup_geo::terrain::height_unit_m(&terrain).unwrap_or(1.0),
+            offset_m: terrain.vertical_offset_m.unwrap_or(0.0),
+        },
         (None, Some(level_m)) => ProjectGround::Level(level_m),
         (None, None) => ProjectGround::LowestWall,
     };

@@ -11,7 +11,7 @@ use super::{FootprintStage, HeightStage, PipelineError, pictures};
 use crate::config::RunConfig;
 use sizeup_footprints::{ContourKind, ContourSource, Detection, FootprintSource, MaskFiles, Segmenter};
 use sizeup_geo::issue::{Severity, Subject};
-use sizeup_geo::terrain::{self, MapBox, Terrain, ground_under};
+use sizeup_geo::terrain::{self, LoadedTerrain, MapBox, Terrain, ground_under};
 use sizeup_photos::prior::{PriorError, PriorSource};
 use sizeup_survey::{Survey, View, ViewKind};
 
@@ -26,28 +26,29 @@ pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStag
             let layer = sizeup_footprints::read(layer, &config.project.crs)?;
             require_footprints(&layer)?;
             let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
-            return Ok((on_ground(config, layer, &terrain), terrain));
+            return Ok((on_ground(config, layer, &terrain), terrain.terrain));
         }
         FootprintSource::Masks(masks) => Box::new(MaskFiles::new(masks.clone())?),
         FootprintSource::Network(network) => {
             let below = terrain.insert(terrain_of_views(config, survey)?);
-            Box::new(Segmenter::with_depth(network.clone(), Some(&|| depth(config, survey, below)))?)
+            Box::new(Segmenter::with_depth(network.clone(), Some(&|| depth(config, survey, &below.terrain)))?)
         }
     };
     let Some(settings) = config.footprints.detection() else {
         unreachable!("masks and networks have detection settings");
     };
     let terrain = terrain.map_or_else(|| terrain_of_views(config, survey), Ok)?;
-    let mut found = sizeup_footprints::detect(source.as_ref(), &survey.views, &terrain, settings, &config.project.crs)?;
+    let ground = &terrain.terrain;
+    let mut found = sizeup_footprints::detect(source.as_ref(), &survey.views, ground, settings, &config.project.crs)?;
     write(config, &found, survey)?;
     if config.output.pictures {
-        pictures::footprints(&config.project.output, &found, survey, &terrain)?;
+        pictures::footprints(&config.project.output, &found, survey, ground)?;
     }
     let mut stage = on_ground(config, std::mem::take(&mut found.layer), &terrain);
     stage.tracks = found.tracks;
     found.summary.footprints_from = config.footprints.in_words();
     stage.detection = Some(found.summary);
-    Ok((stage, terrain))
+    Ok((stage, terrain.terrain))
 }
 
 /// The run's depth priors, for a network that takes depth.
@@ -100,25 +101,25 @@ fn write(config: &RunConfig, found: &Detection, survey: &Survey) -> Result<(), P
 pub(super) fn on_ground(
     config: &RunConfig,
     layer: sizeup_footprints::FootprintLayer,
-    terrain: &Terrain,
+    LoadedTerrain { terrain, issues: of_terrain }: &LoadedTerrain,
 ) -> FootprintStage {
     let (ground, issues): (Vec<_>, Vec<_>) =
         layer.footprints.iter().map(|f| ground_under(terrain, &f.id, &f.polygon, config.ground)).unzip();
-    let issues = issues.into_iter().flatten().collect();
+    let issues = of_terrain.iter().cloned().chain(issues.into_iter().flatten()).collect();
     FootprintStage::of_layer(layer, ground, issues)
 }
 
 /// The terrain that the nadir views see.
-fn terrain_of_views(config: &RunConfig, survey: &Survey) -> Result<Terrain, PipelineError> {
+fn terrain_of_views(config: &RunConfig, survey: &Survey) -> Result<LoadedTerrain, PipelineError> {
     let nadir = || survey.views.iter().filter(|v| v.kind() == ViewKind::Nadir);
     let centres = nadir().map(|v| v.camera_from_map.centre()).map(|c| (c.x, c.y));
-    let Some(below) = MapBox::around(centres) else { return Ok(Terrain::Constant(0.0)) };
-    let first = terrain::load(&terrain_in_force(config), &config.project.crs, below)?;
-    let (Terrain::Grid(_), Some((low, _))) = (&first, first.range()) else { return Ok(first) };
+    let Some(below) = MapBox::around(centres) else { return Ok(Terrain::Constant(0.0).into()) };
+    let first = terrain::load_with_issues(&terrain_in_force(config), &config.project.crs, below)?;
+    let (Terrain::Grid(_), Some((low, _))) = (&first.terrain, first.terrain.range()) else { return Ok(first) };
     // Where the images' corners meet the lowest ground under the cameras.
     let corners = nadir().flat_map(|view| corners_on(view, low));
     let Some(seen) = MapBox::around(corners) else { return Ok(first) };
-    Ok(terrain::load(&terrain_in_force(config), &config.project.crs, seen)?)
+    Ok(terrain::load_with_issues(&terrain_in_force(config), &config.project.crs, seen)?)
 }
 
 fn corners_on(view: &View, level_m: f64) -> Vec<(f64, f64)> {

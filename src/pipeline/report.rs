@@ -78,7 +78,7 @@ pub fn write_city_report(
 ) -> Result<Vec<PathBuf>, PipelineError> {
     let mut coarse = config.clone();
     coarse.terrain.min_cell_m = coarse.terrain.min_cell_m.max(CITY_CELL_M);
-    let terrain = load_terrain(&coarse, model.records.iter().filter_map(|r| r.footprint.as_ref()), 0.0)?;
+    let terrain = load_terrain(&coarse, model.records.iter().filter_map(|r| r.footprint.as_ref()), 0.0)?.terrain;
     let asked: BTreeSet<&str> = model.records.iter().flat_map(|r| &r.views).map(String::as_str).collect();
     let used = |view: &View| match view.kind() {
         _ if asked.contains(view.id.0.as_str()) => ViewUse::Measured,

@@ -21,7 +21,7 @@ use crate::config::RunConfig;
 use sizeup_geo::files::{FileError, write_json, write_whole};
 use sizeup_geo::geodata::source;
 use sizeup_geo::issue::{Issue, Severity, Subject};
-use sizeup_geo::terrain::{self, GroundLevel, MapBox, Terrain};
+use sizeup_geo::terrain::{self, GroundLevel, LoadedTerrain, MapBox, Terrain};
 use sizeup_geo::unfinished::Unfinished;
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::optimise::Solution;
@@ -231,14 +231,14 @@ pub(super) fn load_terrain<'a>(
     config: &RunConfig,
     polygons: impl Iterator<Item = &'a Polygon<f64>>,
     margin_m: f64,
-) -> Result<Terrain, PipelineError> {
+) -> Result<LoadedTerrain, PipelineError> {
     let Some(area) = extent(polygons) else {
         return Err(PipelineError::Mismatch {
             message: "none of the input's buildings has a usable footprint".to_owned(),
             hint: "issues of the footprints stage tell why, building by building",
         });
     };
-    Ok(terrain::load(&terrain_in_force(config), &config.project.crs, area.grown(margin_m))?)
+    Ok(terrain::load_with_issues(&terrain_in_force(config), &config.project.crs, area.grown(margin_m))?)
 }
 
 fn on_known_ground(footprints: &FootprintStage) -> Vec<(&Polygon<f64>, GroundLevel)> {
@@ -253,7 +253,9 @@ pub(super) fn terrain_around(
     footprints: &FootprintStage,
 ) -> Result<Terrain, PipelineError> {
     let on_ground = on_known_ground(footprints);
-    load_terrain(config, on_ground.iter().map(|(polygon, _)| *polygon), frame.bounds.ground_margin_m())
+    // What is to be said of it was said when footprints were put onto it.
+    let loaded = load_terrain(config, on_ground.iter().map(|(polygon, _)| *polygon), frame.bounds.ground_margin_m())?;
+    Ok(loaded.terrain)
 }
 
 /// Everything that rays meet, and what they are compared with.

@@ -952,3 +952,86 @@ fn a_real_block_runs_once_its_ground_is_given() {
     let of_run: Value = serde_json::from_str(&run.stdout).unwrap();
     assert_eq!((&of_run["n_buildings"], &of_run["n_views"]), (&json!(9), &json!(12)));
 }
+
+/// A folder as it lies in the USA: Pix4D's poses, buildings and terrain in New York Long Island, US survey feet.
+fn long_island(desk: &Desk, unit_of_heights: &str) {
+    let params = desk.path("flight/town/1_initial/params");
+    fs::create_dir_all(&params).unwrap();
+    // As ArcGIS and Pix4D write it: without a code, under another name.
+    let feet = "PROJCS[\"NAD_1983_StatePlane_New_York_Long_Island_FIPS_3104_Feet\",GEOGCS[\"GCS_North_American_1983\",\
+        DATUM[\"D_North_American_1983\",SPHEROID[\"GRS_1980\",6378137.0,298.257222101]],PRIMEM[\"Greenwich\",0.0],\
+        UNIT[\"Degree\",0.0174532925199433]],PROJECTION[\"Lambert_Conformal_Conic\"],PARAMETER[\"False_Easting\",984250.0],\
+        PARAMETER[\"False_Northing\",0.0],PARAMETER[\"Central_Meridian\",-74.0],\
+        PARAMETER[\"Standard_Parallel_1\",40.66666666666666],PARAMETER[\"Standard_Parallel_2\",41.03333333333333],\
+        PARAMETER[\"Latitude_Of_Origin\",40.16666666666666],UNIT[\"Foot_US\",0.3048006096012192]]";
+    fs::write(params.join("town_wkt.prj"), feet).unwrap();
+    fs::write(params.join("town_offset.xyz"), "984000.0 213000.0 100.0").unwrap();
+    let mut cameras = "names\nK\nradial\ntangential\nt\nR\nm = K [R|-Rt] X\n\n".to_owned();
+    for i in 0..12 {
+        let (x, y) = (150.0 * f64::from(i % 4), 150.0 * f64::from(i / 4));
+        writeln!(
+            cameras,
+            "IMG_{i:04}.jpg 320 240\n300 0 160\n0 300 120\n0 0 1\n0 0 0\n0 0\n{x} {y} 220\n1 0 0\n0 -0.76604444 -0.64278761\n0 0.64278761 -0.76604444"
+        )
+        .unwrap();
+    }
+    fs::write(params.join("town_calibrated_camera_parameters.txt"), cameras).unwrap();
+    let crs = Crs::parse("EPSG:2263").unwrap();
+    let house = |i: i32| {
+        let (x, y) = (984_100.0 + 120.0 * f64::from(i % 3), 213_100.0 + 120.0 * f64::from(i / 3));
+        geo_types::Rect::new((x, y), (x + 60.0, y + 40.0)).to_polygon()
+    };
+    let outlines: Vec<_> = (0..6).map(house).collect();
+    let houses: Vec<_> = outlines
+        .iter()
+        .zip(1..)
+        .map(|(polygon, id)| LayerFeature { polygon, texts: Vec::new(), numbers: vec![f64::from(id)] })
+        .collect();
+    let fields = [("bldg_id", FieldType::Number)];
+    write_polygon_layer(&desk.path("flight/buildings.gpkg"), "buildings", &crs, &fields, &houses).unwrap();
+    let driver = gdal::DriverManager::get_driver_by_name("GTiff").unwrap();
+    let path = desk.path("flight/dem.tif");
+    let mut dataset = driver.create_with_band_type::<f32, _>(&path, 100, 100, 1).unwrap();
+    dataset.set_geo_transform(&[983_500.0, 20.0, 0.0, 214_500.0, 0.0, -20.0]).unwrap();
+    dataset.set_spatial_ref(&gdal::spatial_ref::SpatialRef::from_epsg(2263).unwrap()).unwrap();
+    let cells = vec![32.8_f32; 10_000];
+    let mut band = dataset.rasterband(1).unwrap();
+    band.write((0, 0), (100, 100), &mut gdal::raster::Buffer::new((100, 100), cells)).unwrap();
+    drop(dataset);
+    let unit =
+        if unit_of_heights.is_empty() { String::new() } else { format!("<UnitType>{unit_of_heights}</UnitType>") };
+    let text = format!("<PAMDataset><PAMRasterBand band=\"1\">{unit}</PAMRasterBand></PAMDataset>");
+    fs::write(path.with_extension("tif.aux.xml"), text).unwrap();
+}
+
+#[test]
+fn a_project_in_feet_gets_the_grid_in_metres_of_its_datum_and_is_asked_for_what_is_not_said() {
+    let desk = Desk::new();
+    long_island(&desk, "");
+    let (summary, outcome) = desk.init(&[]);
+    assert_eq!(summary["crs"]["definition"], "EPSG:32118", "{}", outcome.stderr);
+    let why = summary["crs"]["why"].as_str().unwrap();
+    assert!(why.contains("EPSG:2263") && why.contains("feet"), "{why}");
+    assert!(!warnings(&summary).contains("EPSG:32618"), "{summary:#}");
+    // 60 × 40 feet.
+    let area_m2 = summary["footprints"]["median_area_m2"].as_f64().unwrap();
+    assert!((area_m2 - 2400.0 * 0.3048 * 0.3048).abs() < 0.1, "{area_m2}");
+    assert!(missing(&summary).contains(&"the unit of the terrain model".to_owned()), "{summary:#}");
+    let text = desk.text();
+    assert!(text.contains("# crs = \"EPSG:2263+6360\"") && text.contains("\"EPSG:2263+5703\" (in metres)"), "{text}");
+    let dtm = "dtm = \"flight/dem.tif\"";
+    assert!(text.contains(dtm), "{text}");
+
+    long_island(&desk, "US survey foot");
+    let (summary, outcome) = desk.init(&[]);
+    assert!(!missing(&summary).contains(&"the unit of the terrain model".to_owned()), "{}", outcome.stderr);
+    let ground = summary["ground"].as_str().unwrap();
+    assert!(ground.contains("10.0 m under the cameras") && ground.contains("converted to metres"), "{ground}");
+}
+
+#[test]
+fn a_crs_in_feet_that_is_asked_for_names_its_twin_in_metres() {
+    let desk = Desk::new();
+    long_island(&desk, "");
+    assert_refused(&desk, &["flight", "--crs", "EPSG:2263"], 2, &["--crs", "EPSG:2263", "feet"], &["EPSG:32118"]);
+}

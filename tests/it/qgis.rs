@@ -94,7 +94,7 @@ fn qgis_opens_the_project_styled_and_in_place() {
     let dtm = folder.path().join("dtm.tif");
     write_slope(&dtm);
     let dtm_crs = Crs::parse("EPSG:28992").unwrap();
-    let ground = ProjectGround::Model { path: Path::new("dtm.tif"), crs: Some(&dtm_crs), offset_m: 0.5 };
+    let ground = ProjectGround::Model { path: Path::new("dtm.tif"), crs: Some(&dtm_crs), unit_m: 0.5, offset_m: 0.25 };
     let config = GeoPackageConfig::default();
     geopackage::write_project(&project, "town & co.gpkg", &town.model(), &config, ground).unwrap();
     // Paths are relative: the folder may be moved. The packed project is the same.
@@ -113,6 +113,16 @@ fn qgis_opens_the_project_styled_and_in_place() {
     assert_eq!(report["groups"], serde_json::json!(["survey"]));
     let terrain = &report["layers"]["terrain"];
     assert_eq!((&terrain["renderer"], &terrain["crs"]), (&"hillshade".into(), &"EPSG:28992".into()));
+    // Heights of −9999 and the like are none, whatever the file's own tag names.
+    let is_void = |z: f64| {
+        terrain["voids"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .any(|range| range[0].as_f64().unwrap() <= z && z <= range[1].as_f64().unwrap())
+    };
+    assert!([-9999.0, -32767.0, -3.4e38, 1e20].into_iter().all(is_void) && !is_void(0.0) && !is_void(8000.0));
+    assert_eq!(report["ground"], serde_json::json!({ "type": "raster", "scale": 0.5, "offset": 0.25 }));
     assert_eq!(
         report["layouts"]["Map, A4"]["items"],
         serde_json::json!(["legend", "map", "north", "scale", "sources", "title"])

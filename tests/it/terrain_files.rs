@@ -8,8 +8,11 @@ use gdal::spatial_ref::SpatialRef;
 use geo::Area as _;
 use sizeup::crs::{Crs, Transform};
 use sizeup::footprint::FootprintConfig;
+use sizeup::geodata::raster::{CellWindow, RasterFile, Resampling};
 use sizeup::stats;
-use sizeup::terrain::{GroundConfig, MapBox, Terrain, TerrainConfig, TerrainError, ground_under, load};
+use sizeup::terrain::{
+    GroundConfig, MapBox, Terrain, TerrainConfig, TerrainError, ground_under, load, load_with_issues,
+};
 
 use crate::shared_data::shared_data;
 
@@ -167,4 +170,137 @@ fn alexandria_roofs_above_ground_are_as_high_as_stated() {
         stats::median(&errors)
     );
     assert!(errors.len() > 60 && stats::median(&errors).unwrap() < 2.0);
+}
+
+/// 60 × 60 cells of 10 units from (984000, 213600) of EPSG:2263 or what else is named; `z` in the file's unit.
+struct Sheet<'a> {
+    crs: &'a str,
+    unit: &'a str,
+    corner: (f64, f64),
+    cell: f64,
+}
+
+const FEET: Sheet<'_> = Sheet { crs: "EPSG:2263", unit: "", corner: (984_000.0, 213_600.0), cell: 10.0 };
+/// Where [`FEET`] lies, in EPSG:32118.
+const LONG_ISLAND: MapBox = MapBox { west_m: 299_970.0, south_m: 64_970.0, east_m: 300_060.0, north_m: 65_060.0 };
+
+fn write_sheet(path: &Path, sheet: &Sheet<'_>, z: impl Fn(i32, i32) -> f32) {
+    let driver = DriverManager::get_driver_by_name("GTiff").unwrap();
+    let mut dataset = driver.create_with_band_type::<f32, _>(path, 60, 60, 1).unwrap();
+    let (west, north) = sheet.corner;
+    dataset.set_geo_transform(&[west, sheet.cell, 0.0, north, 0.0, -sheet.cell]).unwrap();
+    dataset.set_spatial_ref(&SpatialRef::from_definition(sheet.crs).unwrap()).unwrap();
+    let mut band = dataset.rasterband(1).unwrap();
+    let cells = (0..60).flat_map(|row| (0..60).map(move |col| (col, row))).map(|(col, row)| z(col, row));
+    band.write((0, 0), (60, 60), &mut Buffer::new((60, 60), cells.collect())).unwrap();
+    // The crate has no way to write a unit into the file.
+    let beside = path.with_extension("tif.aux.xml");
+    let unit = format!("<UnitType>{}</UnitType>", sheet.unit);
+    let unit = if sheet.unit.is_empty() { "" } else { &unit };
+    let text = format!("<PAMDataset><PAMRasterBand band=\"1\">{unit}</PAMRasterBand></PAMDataset>");
+    std::fs::write(beside, text).unwrap();
+}
+
+#[test]
+fn heights_beside_positions_in_feet_are_asked_for_and_converted_once_stated() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("dem.tif");
+    let level = |sheet: &Sheet<'_>, config: TerrainConfig, project: &str| {
+        write_sheet(&path, sheet, |_, _| 100.0);
+        let config = TerrainConfig { dtm: Some(path.clone()), margin_m: 10.0, ..config };
+        let loaded = load_with_issues(&config, &crs(project), LONG_ISLAND)?;
+        let codes: Vec<String> = loaded.issues.iter().map(|issue| issue.code.clone()).collect();
+        Ok::<_, TerrainError>((loaded.terrain.height_at(300_000.0, 65_000.0).unwrap(), codes.join(" ")))
+    };
+    let stated = |crs_text: &str| TerrainConfig { crs: Some(crs(crs_text)), ..TerrainConfig::default() };
+    let (us_ft, ft) = (100.0 * 1200.0 / 3937.0, 30.48);
+
+    let unsaid = level(&FEET, TerrainConfig::default(), "EPSG:32118").unwrap_err();
+    assert!(matches!(unsaid, TerrainError::HeightUnit { .. }), "{unsaid}");
+    assert!(unsaid.to_string().contains("does not say in what it counts heights"), "{unsaid}");
+    assert!(unsaid.to_string().contains("\"EPSG:2263+6360\""), "{unsaid}");
+    let plane_only = level(&FEET, stated("EPSG:2263"), "EPSG:32118").unwrap_err();
+    assert!(matches!(plane_only, TerrainError::HeightUnit { .. }), "{plane_only}");
+
+    for (sheet, config, expected_m, codes) in [
+        (FEET, stated("EPSG:2263+6360"), us_ft, "terrain_converted"),
+        (FEET, stated("EPSG:2263+5703"), 100.0, ""),
+        (Sheet { unit: "US survey foot", ..FEET }, TerrainConfig::default(), us_ft, "terrain_converted"),
+        (Sheet { unit: "ft", ..FEET }, TerrainConfig::default(), ft, "terrain_converted"),
+        (Sheet { unit: "metre", ..FEET }, TerrainConfig::default(), 100.0, ""),
+        (Sheet { crs: "EPSG:2263+6360", ..FEET }, TerrainConfig::default(), us_ft, "terrain_converted"),
+    ] {
+        let (found_m, found) = level(&sheet, config, "EPSG:32118").unwrap();
+        assert!((found_m - expected_m).abs() < 1e-4, "{} {:?}: {found_m}", sheet.crs, sheet.unit);
+        assert_eq!(found, codes, "{} {:?}", sheet.crs, sheet.unit);
+    }
+    let two = Sheet { crs: "EPSG:2263+6360", unit: "metre", ..FEET };
+    assert!(matches!(level(&two, TerrainConfig::default(), "EPSG:32118"), Err(TerrainError::TwoUnits { .. })));
+    let odd = Sheet { unit: "fathom", ..FEET };
+    assert!(matches!(level(&odd, TerrainConfig::default(), "EPSG:32118"), Err(TerrainError::NotMetres { .. })));
+
+    // One vertical datum in two units needs no offset; another datum does.
+    let navd88 = Sheet { crs: "EPSG:2263+6360", ..FEET };
+    let (found_m, _) = level(&navd88, TerrainConfig::default(), "EPSG:32118+5703").unwrap();
+    assert!((found_m - us_ft).abs() < 1e-4, "{found_m}");
+    let ngvd29 = Sheet { crs: "EPSG:2263+5702", ..FEET };
+    let other = level(&ngvd29, TerrainConfig::default(), "EPSG:32118+5703").unwrap_err();
+    assert!(matches!(other, TerrainError::VerticalReference { .. }), "{other}");
+    let offset = TerrainConfig { vertical_offset_m: Some(0.5), ..TerrainConfig::default() };
+    assert!((level(&ngvd29, offset, "EPSG:32118+5703").unwrap().0 - us_ft - 0.5).abs() < 1e-4);
+}
+
+#[test]
+fn voids_without_a_tag_are_no_ground_at_any_cell_size_and_in_any_grid() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("dtm.tif");
+    let metres = Sheet { crs: "EPSG:32118", unit: "", corner: (299_950.0, 65_070.0), cell: 2.0 };
+    let houses = [(10, 10), (30, 20), (20, 40)];
+    let is_house =
+        |col: i32, row: i32| houses.iter().any(|(x, y)| (*x..x + 6).contains(&col) && (*y..y + 4).contains(&row));
+    for (void, code) in [(-9999.0, "terrain_voids"), (0.0, "terrain_filled_in"), (6.0, "terrain_filled_in")] {
+        write_sheet(&path, &metres, |col, row| if is_house(col, row) { void } else { 24.0 + 0.1 * col as f32 });
+        for (min_cell_m, project, area) in [
+            (0.5, "EPSG:32118", LONG_ISLAND),
+            (5.0, "EPSG:32118", LONG_ISLAND),
+            (
+                0.5,
+                "EPSG:26918",
+                MapBox { west_m: 583_950.0, south_m: 4_511_560.0, east_m: 584_070.0, north_m: 4_511_680.0 },
+            ),
+        ] {
+            let config = TerrainConfig { min_cell_m, margin_m: 0.0, ..TerrainConfig::dtm(&path) };
+            let loaded = match load_with_issues(&config, &crs(project), area) {
+                Ok(loaded) => loaded,
+                Err(e) => panic!("{void} {project}: {e}"),
+            };
+            let (low, high) = loaded.terrain.range().unwrap();
+            assert!(low > 23.9 && high < 30.1, "{void} at {min_cell_m} m in {project}: {low} to {high}");
+            let codes: Vec<&str> = loaded.issues.iter().map(|issue| issue.code.as_str()).collect();
+            assert_eq!(codes, [code], "{void} at {min_cell_m} m in {project}");
+        }
+        let config = TerrainConfig { margin_m: 0.0, ..TerrainConfig::dtm(&path) };
+        let loaded = load_with_issues(&config, &crs("EPSG:32118"), LONG_ISLAND).unwrap();
+        // The house at column 10, row 10: 299,970 to 299,982 east, 65,042 to 65,050 north.
+        let house = geo_types::Rect::new((299_971.5, 65_043.5), (299_980.5, 65_048.5)).to_polygon();
+        let (level, issue) = ground_under(&loaded.terrain, &"a".into(), &house, GroundConfig::default());
+        assert!((level.unwrap().reference_m - 25.0).abs() < 1.5, "{void}: {level:?}");
+        assert_eq!(issue.unwrap().code, "ground_from_around", "{void}");
+    }
+}
+
+#[test]
+fn averages_of_cells_are_those_of_gdal() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("dtm.tif");
+    let metres = Sheet { crs: "EPSG:32118", unit: "", corner: (299_970.0, 65_060.0), cell: 1.0 };
+    write_sheet(&path, &metres, |col, row| 24.0 + 0.03 * (col * col) as f32 + 0.2 * row as f32);
+    let area = MapBox { west_m: 299_970.0, south_m: 65_000.0, east_m: 300_030.0, north_m: 65_060.0 };
+    let config = TerrainConfig { min_cell_m: 3.0, margin_m: 0.0, ..TerrainConfig::dtm(&path) };
+    let Terrain::Grid(dem) = load(&config, &crs("EPSG:32118"), area).unwrap() else { panic!("a grid") };
+    let file = RasterFile::open(&path).unwrap();
+    let whole = CellWindow { col: 0, row: 0, width: 60, height: 60 };
+    let gdal = file.read_window(1, whole, (20, 20), Resampling::Average).unwrap();
+    let differences = dem.heights_m().data().iter().zip(gdal.data()).map(|(a, b)| (a - b).abs());
+    assert!(dem.heights_m().width() == 20 && differences.fold(0.0, f32::max) < 1e-4);
 }

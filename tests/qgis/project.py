@@ -26,7 +26,8 @@ from check import describe
 
 
 def describe_raster(layer):
-    return {"valid": layer.isValid(), "crs": layer.crs().authid(), "renderer": layer.renderer().type()}
+    voids = [[r.min(), r.max()] for r in layer.dataProvider().userNoDataValues(1)]
+    return {"valid": layer.isValid(), "crs": layer.crs().authid(), "renderer": layer.renderer().type(), "voids": voids}
 
 
 def describe_layout(layout, picture):
@@ -56,6 +57,8 @@ def main():
         layer.name(): describe(layer) if isinstance(layer, QgsVectorLayer) else describe_raster(layer)
         for layer in project.mapLayers().values()
     }
+    ground = project.elevationProperties().terrainProvider()
+    report["ground"] = {"type": ground.type(), "scale": ground.scale(), "offset": ground.offset()}
     report["layouts"] = {layout.name(): describe_layout(layout, sys.argv[2]) for layout in project.layoutManager().layouts()}
     settings = QgsMapSettings()
     settings.setLayers(drawn)

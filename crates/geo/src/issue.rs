@@ -61,7 +61,7 @@ pub struct Issue {
 }
 
 /// Issues that are about the result as a whole, or that most others follow from; those that come first in a run first.
-const OF_THE_WHOLE: [&str; 10] = [
+const OF_THE_WHOLE: [&str; 11] = [
     "result_implausible",
     "survey_unsound_accepted",
     "masks_empty",
@@ -69,6 +69,7 @@ const OF_THE_WHOLE: [&str; 10] = [
     "prior_looks_inverted",
     "prior_unrelated_to_ground",
     "prior_not_in_metres",
+    "terrain_filled_in",
     "terrain_too_high",
     "terrain_too_low",
     "terrain_differs",

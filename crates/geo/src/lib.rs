@@ -18,3 +18,4 @@ pub mod paths;
 pub mod template;
 pub mod terrain;
 pub mod unfinished;
+pub mod units;

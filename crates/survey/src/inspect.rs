@@ -183,6 +183,12 @@ impl Reading {
         self.survey
     }
 
+    /// Way of heights to the project's, in words.
+    #[must_use]
+    pub fn heights(&self) -> &str {
+        &self.facts.heights
+    }
+
     /// The content, and whether it looks right. A survey that looks wrong has [`SurveyReport::is_sound`] false and
     /// the readings that look better: the caller decides to stop.
     #[must_use]

@@ -152,7 +152,7 @@ pub(crate) fn locate(
     let is_refused = |issue: &&Issue| issue.severity == Severity::Refused;
     let n_read = poses.poses.len() + poses.issues.iter().filter(is_refused).count();
     let (world, offset) = world_crs(&mut poses, config, project_crs)?;
-    suggest_projected(&poses, &world, project_crs)?;
+    require_frame(&poses, (&world, offset), project_crs)?;
     let heights = match HeightConversion::decide(&config.height, poses.heights, &world, project_crs) {
         // What is wrong with each photo says more than heights that none of them has.
         Err(_) if poses.poses.is_empty() => return Ok(nothing(poses, &world, n_read)),
@@ -286,22 +286,25 @@ fn names_of(issues: &[Issue]) -> BTreeSet<String> {
     issues.iter().filter_map(name).collect()
 }
 
-/// Refuses a project CRS that cannot carry a city, suggesting the UTM zone of the survey's own longitude.
-fn suggest_projected(poses: &Poses, world: &Crs, project_crs: &Crs) -> Result<(), SurveyError> {
-    let Err(refused) = project_crs.require_projected_metres() else { return Ok(()) };
+/// Refuses a project CRS that cannot carry a city where the survey lies, suggesting the grid in metres of its place.
+fn require_frame(poses: &Poses, (world, offset): (&Crs, DVec3), project_crs: &Crs) -> Result<(), SurveyError> {
+    let first = poses.poses.first().map(|pose| pose.centre + offset).filter(|centre| centre.is_finite());
+    let moved = |centre: DVec3, to: &Crs| Transform::new(world, to).ok()?.point(centre.x, centre.y).ok();
+    let Err(refused) = project_crs.require_projected_metres() else {
+        project_crs.require_heights_in_metres()?;
+        let Some((easting, northing)) = first.and_then(|centre| moved(centre, project_crs)) else { return Ok(()) };
+        return Ok(project_crs.require_true_scale_at(easting, northing)?);
+    };
     let place = || -> Option<(f64, f64)> {
         // The CRS of poses that nobody named is the refused one: it places them nowhere.
-        let pose = poses.poses.first().filter(|_| poses.world != World::Unsaid || world.is_geographic())?;
-        Transform::new(world, &Crs::parse("EPSG:4326").ok()?).ok()?.point(pose.centre.x, pose.centre.y).ok()
+        let is_named = poses.world != World::Unsaid || world.is_geographic();
+        let lon_lat = moved(first.filter(|_| is_named)?, &Crs::parse("EPSG:4326").ok()?)?;
+        // Metres read as degrees lie nowhere: the project's CRS was taken for the poses' too.
+        Some(lon_lat).filter(|(lon_deg, lat_deg)| lon_deg.abs() <= 180.0 && lat_deg.abs() <= 90.0)
     };
-    // Metres read as degrees lie nowhere: the project's CRS was taken for the poses' too.
-    let place = || place().filter(|(lon_deg, lat_deg)| lon_deg.abs() <= 180.0 && lat_deg.abs() <= 90.0);
     match (refused, place()) {
         (CrsError::NotProjectedInMetres { definition, found, .. }, Some((lon_deg, lat_deg))) => {
-            let zone = Crs::utm_zone(lon_deg, lat_deg);
-            let hint = format!(
-                "the survey lies at {lon_deg:.3}°, {lat_deg:.3}° (longitude, latitude): use {zone} (UTM), or the national grid"
-            );
+            let hint = project_crs.advice_at("survey lies", lon_deg, lat_deg);
             Err(CrsError::NotProjectedInMetres { definition, found, hint }.into())
         }
         (refused, _) => Err(refused.into()),
@@ -420,6 +423,45 @@ mod tests {
         assert!(reading.survey().issues[1].message.contains("1e99"), "{}", reading.survey().issues[1].message);
         let report = reading.report(Site::default());
         assert!(report.is_sound() && report.height_m.unwrap().min > 179.0, "{report}");
+    }
+
+    /// A pose at a place of Hamburg in EPSG:25832, minus an offset.
+    fn hamburg(folder: &std::path::Path) -> SurveyConfig {
+        let path = folder.join("poses.csv");
+        let table = "name,x,y,z,omega,phi,kappa,width,height,fx\n0.jpg,120.0,240.0,180,10,0,0,400,300,500\n";
+        fs::write(&path, table).unwrap();
+        let crs = Crs::parse("EPSG:25832").ok();
+        SurveyConfig { crs, offset: [565_000.0, 5_933_000.0, 0.0], ..SurveyConfig::at(&path) }
+    }
+
+    fn refusal(config: &SurveyConfig, project: &str) -> String {
+        Reading::of(config, &Crs::parse(project).unwrap()).err().map_or_else(String::new, |e| e.to_string())
+    }
+
+    #[test]
+    fn the_grid_to_use_is_that_of_the_place_with_its_offset() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = hamburg(folder.path());
+        let refused = refusal(&config, "EPSG:3857");
+        assert!(
+            refused.contains("9.98") && refused.contains("53.5") && refused.contains("use EPSG:32632"),
+            "{refused}"
+        );
+        let feet = SurveyConfig { crs: Crs::parse("EPSG:2263").ok(), offset: [984_000.0, 213_000.0, 0.0], ..config };
+        let refused = refusal(&feet, "EPSG:2263");
+        assert!(refused.contains("use EPSG:32118 (NAD83 / New York Long Island)"), "{refused}");
+    }
+
+    #[test]
+    fn a_project_crs_that_stretches_metres_at_the_survey_is_refused_with_the_scale() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = hamburg(folder.path());
+        let refused = refusal(&config, "EPSG:3395");
+        assert!(
+            refused.contains("a metre on the ground is 1.679 m long") && refused.contains("use EPSG:32632"),
+            "{refused}"
+        );
+        assert_eq!(refusal(&config, "EPSG:25833"), "");
     }
 
     #[test]

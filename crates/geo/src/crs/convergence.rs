@@ -61,6 +61,9 @@ pub struct TrueNorth {
     grid_from_geographic: Transform,
 }
 
+/// Radius of the equator, metres, and square of the eccentricity of WGS 84: other ellipsoids differ by less than 0.02 %.
+const EARTH: (f64, f64) = (6_378_137.0, 0.006_694_380);
+
 impl TrueNorth {
     /// Prepares the transforms to the CRS's own geographic system and back.
     ///
@@ -82,6 +85,27 @@ impl TrueNorth {
         let (lon_deg, lat_deg) = self.geographic_from_grid.point(easting, northing)?;
         self.grid_from_geographic.north_at(lon_deg, lat_deg)
     }
+
+    /// Lengths in the grid of a metre on the ellipsoid, northwards and eastwards, and the longitude and latitude, degrees.
+    ///
+    /// # Errors
+    /// [`CrsError::Point`] outside the projection's domain.
+    pub fn scale_at(&self, easting: f64, northing: f64) -> Result<([f64; 2], (f64, f64)), CrsError> {
+        let (lon, lat) = self.geographic_from_grid.point(easting, northing)?;
+        let degrees = self.grid_from_geographic.from().angular_limits().map_or(1.0, |(_, pole)| 90.0 / pole);
+        let (radius_m, e2) = EARTH;
+        let (sin, cos) = (lat * degrees).to_radians().sin_cos();
+        let w = (1.0 - e2 * sin * sin).sqrt();
+        let (northwards_m, eastwards_m) = (radius_m * (1.0 - e2) / w.powi(3), radius_m / w * cos);
+        let length = |step: DVec2, radius_m: f64| -> Result<f64, CrsError> {
+            let end =
+                |sign: f64| self.grid_from_geographic.point(lon + sign * step.x, lat + sign * step.y).map(DVec2::from);
+            let there_m = 2.0 * (HALF_STEP_DEG * degrees).to_radians() * radius_m;
+            Ok((end(1.0)? - end(-1.0)?).length() / there_m)
+        };
+        let scale = [length(DVec2::Y * HALF_STEP_DEG, northwards_m)?, length(DVec2::X * HALF_STEP_DEG, eastwards_m)?];
+        Ok((scale, (lon * degrees, lat * degrees)))
+    }
 }
 
 #[cfg(test)]
@@ -98,6 +122,26 @@ mod tests {
         let (e, n) = Transform::new(&wgs84, &utm).unwrap().point(11.9, 52.0).unwrap();
         let again = TrueNorth::of(&utm).unwrap().at(e, n).unwrap();
         assert!((again.azimuth_rad - north.azimuth_rad).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_point_scale_is_one_in_grids_for_surveys_and_not_in_maps_of_the_world() {
+        let scale = |definition: &str, lon: f64, lat: f64| {
+            let crs = Crs::parse(definition).unwrap();
+            let (e, n) = Transform::new(&Crs::parse("EPSG:4326").unwrap(), &crs).unwrap().point(lon, lat).unwrap();
+            TrueNorth::of(&crs).unwrap().scale_at(e, n).unwrap().0
+        };
+        // On the central meridian of a UTM zone 0.9996 by definition; 1 / cos(latitude) on the spherical Mercator's ellipsoid.
+        for found in scale("EPSG:32632", 9.0, 53.0) {
+            assert!((found - 0.9996).abs() < 1e-5, "{found}");
+        }
+        for found in scale("EPSG:3395", 10.0, 53.5) {
+            assert!((found - 1.6776).abs() < 1e-3, "{found}");
+        }
+        // Meridians of NTF (Paris) are counted in gon.
+        for found in scale("EPSG:27572", 2.3, 46.8) {
+            assert!((found - 1.0).abs() < 3e-3, "{found}");
+        }
     }
 
     #[test]

@@ -66,26 +66,70 @@ impl std::fmt::Display for GridFile {
     }
 }
 
-/// Grids between the ellipsoid and the vertical systems of either side, any one of which does; empty where neither has one
-/// or the database cannot be read.
+/// So many grids of each side are named: any one does, the best comes first.
+const MOST_NAMED: usize = 2;
+
+/// Grids that lead from the heights of one system to the other's: between both, else between the ellipsoid and either. The best
+/// first, those for the place (longitude and latitude, degrees); without one, for the middle of the systems' area of use. Empty
+/// where neither has one or the database cannot be read.
 #[must_use]
-pub fn of_heights(from: &Crs, to: &Crs) -> Vec<GridFile> {
-    let mut grids: Vec<GridFile> = [from, to]
-        .into_iter()
-        .filter_map(Crs::vertical_epsg)
-        .flat_map(|code| of_vertical(code).unwrap_or_default())
-        .collect();
-    grids.sort();
-    grids.dedup();
-    grids
+pub fn of_heights(from: &Crs, to: &Crs, place_deg: Option<(f64, f64)>) -> Vec<GridFile> {
+    let middle = |crs: &Crs| {
+        let [west, south, east, north] = crs.area_of_use_deg()?;
+        // The whole world has no middle.
+        (east - west < 180.0).then(|| (f64::midpoint(west, east), f64::midpoint(south, north)))
+    };
+    let place_deg = place_deg.or_else(|| middle(from)).or_else(|| middle(to));
+    let codes: Vec<u32> = [from, to].into_iter().filter_map(Crs::vertical_epsg).collect();
+    let best = |code: u32, other: Option<u32>| -> Vec<GridFile> {
+        let at_place = of_vertical(code, other, place_deg).unwrap_or_default();
+        let found = if at_place.is_empty() { of_vertical(code, other, None).unwrap_or_default() } else { at_place };
+        let mut named = Vec::new();
+        for grid in found {
+            if !named.contains(&grid) && named.len() < MOST_NAMED {
+                named.push(grid);
+            }
+        }
+        named
+    };
+    if let [from, to] = codes[..] {
+        let between = best(from, Some(to));
+        if !between.is_empty() {
+            return between;
+        }
+    }
+    codes.into_iter().flat_map(|code| best(code, None)).collect()
 }
 
-fn of_vertical(epsg: u32) -> Option<Vec<GridFile>> {
+/// Grids of the vertical systems on the datum of one (in other units they have codes of their own), to those of another or to the
+/// ellipsoid, the most accurate first.
+fn of_vertical(epsg: u32, other: Option<u32>, place_deg: Option<(f64, f64)>) -> Option<Vec<GridFile>> {
+    let on_datum_of = |epsg: u32| {
+        format!(
+            "(SELECT v.code FROM vertical_crs v JOIN vertical_crs one ON v.datum_code = one.datum_code \
+             AND v.datum_auth_name = one.datum_auth_name WHERE one.auth_name = 'EPSG' AND one.code = '{epsg}')"
+        )
+    };
+    let own = on_datum_of(epsg);
+    let theirs =
+        other.map_or_else(|| "(SELECT code FROM geodetic_crs WHERE auth_name = 'EPSG')".to_owned(), on_datum_of);
+    let there = place_deg.map_or_else(String::new, |(lon_deg, lat_deg)| {
+        // Alaska reaches across the date line.
+        format!(
+            "AND {lat_deg} BETWEEN e.south_lat AND e.north_lat AND ({lon_deg} BETWEEN e.west_lon AND e.east_lon \
+             OR (e.west_lon > e.east_lon AND ({lon_deg} >= e.west_lon OR {lon_deg} <= e.east_lon)))"
+        )
+    });
     let query = format!(
-        "SELECT DISTINCT COALESCE(NULLIF(a.proj_grid_name, ''), g.grid_name) AS name, a.url AS url \
+        "SELECT COALESCE(NULLIF(a.proj_grid_name, ''), g.grid_name) AS name, a.url AS url \
          FROM grid_transformation g LEFT JOIN grid_alternatives a ON a.original_grid_name = g.grid_name \
-         WHERE g.deprecated = 0 AND g.grid_name <> '' AND ((g.target_crs_auth_name = 'EPSG' AND g.target_crs_code = '{epsg}') \
-         OR (g.source_crs_auth_name = 'EPSG' AND g.source_crs_code = '{epsg}'))"
+         JOIN usage u ON u.object_table_name = 'grid_transformation' AND u.object_auth_name = g.auth_name \
+         AND u.object_code = g.code \
+         JOIN extent e ON e.auth_name = u.extent_auth_name AND e.code = u.extent_code \
+         WHERE g.deprecated = 0 AND g.grid_name <> '' \
+         AND ((g.target_crs_auth_name = 'EPSG' AND g.target_crs_code IN {own} AND g.source_crs_code IN {theirs}) \
+         OR (g.source_crs_auth_name = 'EPSG' AND g.source_crs_code IN {own} AND g.target_crs_code IN {theirs})) {there} \
+         ORDER BY a.url LIKE '{HANDED_OUT}%' DESC, g.accuracy IS NULL, g.accuracy, name"
     );
     rows(&query, |feature| {
         Some(GridFile { name: text(feature, "name")?, url: text(feature, "url").unwrap_or_default() })
@@ -132,6 +176,17 @@ pub(super) fn codes_of_name(name: &str) -> Option<Vec<u32>> {
     rows(&query, |feature| text(feature, "code")?.parse().ok())
 }
 
+/// Names of EPSG's geographic systems on a datum, by its name; empty where it has none or the database cannot be read.
+pub(super) fn systems_on_datum(name: &str) -> Vec<String> {
+    let name = name.replace('\'', "''");
+    let query = format!(
+        "SELECT g.name AS name FROM geodetic_crs g JOIN geodetic_datum d ON d.auth_name = g.datum_auth_name \
+         AND d.code = g.datum_code WHERE d.name = '{name}' AND g.type = 'geographic 2D' AND g.auth_name = 'EPSG' \
+         AND g.deprecated = 0 ORDER BY g.code"
+    );
+    rows(&query, |feature| text(feature, "name")).unwrap_or_default()
+}
+
 /// Result of a query of PROJ's database; `None` where the database cannot be read.
 fn rows<T>(query: &str, row: impl Fn(&Feature<'_>) -> Option<T>) -> Option<Vec<T>> {
     crate::gdal_log::route_messages();
@@ -152,7 +207,7 @@ mod tests {
 
     #[test]
     fn a_grid_says_whether_it_is_there_and_what_brings_it() {
-        let heights = of_heights(&Crs::parse("EPSG:7415").unwrap(), &Crs::parse("EPSG:4979").unwrap());
+        let heights = of_heights(&Crs::parse("EPSG:7415").unwrap(), &Crs::parse("EPSG:4979").unwrap(), None);
         assert!(heights.iter().any(|grid| grid.name == "nl_nsgi_nlgeo2018.tif"), "{heights:?}");
         for grid in &heights {
             assert_eq!(grid.is_present(), grids_present().contains(&grid.name), "{grid}");
@@ -162,5 +217,23 @@ mod tests {
         let nobody = GridFile { name: "nobody_has_it.tif".to_owned(), url: String::new() };
         assert_eq!((nobody.is_present(), nobody.command()), (false, None));
         assert!(proj_version().contains('.') && !data_folders().is_empty());
+    }
+
+    #[test]
+    fn grids_of_heights_are_those_for_the_place() {
+        let crs = |text: &str| Crs::parse(text).unwrap();
+        let named = |from: &str, to: &str, place| -> Vec<String> {
+            of_heights(&crs(from), &crs(to), place).into_iter().map(|grid| grid.name).collect()
+        };
+        let new_york = Some((-74.0, 40.75));
+        for navd88 in ["EPSG:4326+5703", "EPSG:4326+6360"] {
+            assert_eq!(named("EPSG:4979", navd88, new_york)[0], "us_noaa_g2018u0.tif", "{navd88}");
+        }
+        let anchorage = named("EPSG:4979", "EPSG:4326+5703", Some((-149.9, 61.2)));
+        assert!(anchorage.iter().all(|name| name.contains("ak") || name.contains("ba0")), "{anchorage:?}");
+        // A grid for one place says which: the middle of its area of use.
+        assert_eq!(named("EPSG:32118+5703", "EPSG:4979", None)[0], "us_noaa_g2018u0.tif");
+        let levels = named("EPSG:4326+7968", "EPSG:4326+5703", new_york);
+        assert!(levels.iter().all(|name| name.contains("vertcon")), "{levels:?}");
     }
 }

@@ -9,6 +9,7 @@ mod grids;
 mod levels;
 mod spatial;
 mod transform;
+mod twin;
 mod vertical;
 
 pub use accuracy::{Accuracy, Better};
@@ -192,10 +193,10 @@ impl Crs {
         if crs["type"] == "BoundCRS" { &crs["source_crs"] } else { crs }
     }
 
-    /// EPSG code of the horizontal part.
+    /// EPSG code of the horizontal part; a vertical system has none.
     #[must_use]
     pub fn horizontal_epsg(&self) -> Option<u32> {
-        let horizontal = self.horizontal_json();
+        let horizontal = Some(self.horizontal_json()).filter(|crs| crs["type"] != "VerticalCRS")?;
         // PROJ leaves the parts of a compound that has a code of its own without theirs: look the name up.
         epsg_of(horizontal).or_else(|| Self::epsg_of_name(horizontal["name"].as_str()?))
     }
@@ -205,6 +206,28 @@ impl Crs {
             Some(codes) => codes.first().copied(),
             None => Self::known(name).ok()?.epsg(),
         }
+    }
+
+    /// The vertical part of a compound, or a vertical CRS itself; null for the others.
+    fn vertical_json(&self) -> &Value {
+        let crs = if self.json["type"] == "CompoundCRS" { &self.json["components"][1] } else { &self.json };
+        let crs = if crs["type"] == "BoundCRS" { &crs["source_crs"] } else { crs };
+        if crs["type"] == "VerticalCRS" { crs } else { &Value::Null }
+    }
+
+    /// Whether both count heights upwards from one vertical datum. Their units may differ: NAVD88 in metres and in feet is one
+    /// datum under two codes and two names.
+    #[must_use]
+    pub fn has_heights_of(&self, other: &Self) -> bool {
+        let zero = |crs: &Self| -> Option<String> {
+            let vertical = crs.vertical_json();
+            let datum = if vertical["datum"].is_null() { &vertical["datum_ensemble"] } else { &vertical["datum"] };
+            let is_up = vertical["coordinate_system"]["axis"][0]["direction"] == "up";
+            // Esri writes underscores for blanks.
+            let name: String = datum["name"].as_str()?.chars().filter(|c| c.is_alphanumeric()).collect();
+            is_up.then(|| name.to_lowercase())
+        };
+        zero(self).is_some_and(|own| Some(own) == zero(other))
     }
 
     /// The vertical part of a compound CRS by name, such as `NAP height`.
@@ -244,11 +267,22 @@ impl Crs {
     #[must_use]
     pub fn with_heights_of(self, stated: Option<&Self>) -> Self {
         let adds = |stated: &&Self| {
-            self.height_unit_m().is_none()
-                && stated.height_unit_m().is_some()
-                && self.horizontal_epsg() == stated.horizontal_epsg()
+            self.height_unit_m().is_none() && stated.height_unit_m().is_some() && self.has_plane_of(stated)
         };
         stated.filter(adds).cloned().unwrap_or(self)
+    }
+
+    /// Whether positions in both are the same numbers: one code, or one definition under two names.
+    #[must_use]
+    pub fn has_plane_of(&self, other: &Self) -> bool {
+        let codes = (self.horizontal_epsg(), other.horizontal_epsg());
+        match codes {
+            (Some(own), Some(theirs)) => own == theirs,
+            _ => {
+                codes == (None, None) && self.horizontal_json() == other.horizontal_json()
+                    || spatial::is_same(&self.horizontal_json().to_string(), &other.horizontal_json().to_string())
+            }
+        }
     }
 
     /// Whether it has a third axis of ellipsoidal heights.
@@ -272,9 +306,14 @@ impl Crs {
     /// The UTM zone of a place on WGS 84, as `EPSG:326zz` or `EPSG:327zz`.
     #[must_use]
     pub fn utm_zone(lon_deg: f64, lat_deg: f64) -> String {
-        let zone = (((lon_deg + 180.0) / 6.0).floor() as i64).rem_euclid(60) + 1;
+        let zone = Self::utm_zone_number(lon_deg);
         let hemisphere = if lat_deg < 0.0 { 327 } else { 326 };
         format!("EPSG:{hemisphere}{zone:02}")
+    }
+
+    /// The number of the UTM zone of a longitude, from 1.
+    fn utm_zone_number(lon_deg: f64) -> i64 {
+        (((lon_deg + 180.0) / 6.0).floor() as i64).rem_euclid(60) + 1
     }
 
     /// The geodetic datum (or ensemble of datums) of the horizontal part.
@@ -418,6 +457,8 @@ mod tests {
         assert_eq!((crs.epsg(), crs.horizontal_epsg()), (Some(7415), Some(28992)));
         assert_eq!(crs.vertical_name(), Some("NAP height"));
         assert_eq!(crs.height_unit_m(), Some(1.0));
+        let levels = Crs::parse("EPSG:5709").unwrap();
+        assert_eq!((levels.horizontal_epsg(), levels.vertical_epsg()), (None, Some(5709)));
         // Long Island in US survey feet, heights likewise; without its vertical part nothing is said of heights.
         let feet = Crs::parse("EPSG:2263+6360").unwrap().height_unit_m().unwrap();
         assert!((feet - 1200.0 / 3937.0).abs() < 1e-12, "{feet}");
@@ -434,6 +475,20 @@ mod tests {
         assert_eq!(Crs::utm_zone(11.9, 52.0), "EPSG:32632");
         assert_eq!(Crs::utm_zone(-70.6, -33.4), "EPSG:32719");
         assert_eq!(Crs::utm_zone(180.0, 10.0), "EPSG:32601");
+    }
+
+    #[test]
+    fn one_vertical_datum_has_several_codes_and_a_depth_is_none_of_them() {
+        let is_one = |a: &str, b: &str| Crs::parse(a).unwrap().has_heights_of(&Crs::parse(b).unwrap());
+        for same in ["EPSG:2263+6360", "EPSG:4269+8228", "EPSG:5703"] {
+            assert!(is_one(same, "EPSG:32118+5703"), "{same}");
+        }
+        assert!(is_one("EPSG:2263+5702", "EPSG:32118+7968"), "NGVD29 in feet and in metres");
+        for other in ["EPSG:2263+6358", "EPSG:2263+5702", "EPSG:2263", "EPSG:4979"] {
+            assert!(!is_one(other, "EPSG:32118+5703"), "{other}");
+        }
+        let underscores = r#"COMPD_CS["x",GEOGCS["NAD83",DATUM["North_American_Datum_1983",SPHEROID["GRS 1980",6378137,298.257222101]],PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]],VERT_CS["NAVD_1988_Foot_US",VERT_DATUM["North_American_Vertical_Datum_1988",2005],UNIT["US survey foot",0.304800609601219],AXIS["Up",UP]]]"#;
+        assert!(is_one(underscores, "EPSG:32118+5703"));
     }
 
     #[test]

@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 use gdal::spatial_ref::{AxisMappingStrategy, CoordTransform, CoordTransformOptions, SpatialRef};
 use glam::{DMat3, DVec3};
 
-use super::{Crs, CrsError, LONGEST_KEPT, MOST_KEPT, grids};
+use super::{Crs, CrsError, LONGEST_KEPT, MOST_KEPT, Transform, grids};
 use crate::gdal_log::route_messages;
 use crate::kept::Kept;
 
@@ -42,7 +42,7 @@ impl Transform3d {
             options.set_ballpark_allowed(false)?;
             CoordTransform::new_with_options(&reference(from)?, &reference(to)?, &options)
         };
-        let operation = build().map_err(|e| match grids::of_heights(from, to) {
+        let operation = build().map_err(|e| match grids::of_heights(from, to, None) {
             grids if grids.is_empty() => no_transformation(e),
             grids => missing(from, to, &grids),
         })?;
@@ -70,7 +70,7 @@ impl Transform3d {
         match outcome {
             Ok(()) if moved.is_finite() => Ok(moved),
             outcome => {
-                let grids = grids::of_heights(&self.from, &self.to);
+                let grids = grids::of_heights(&self.from, &self.to, self.place_deg(at));
                 if !grids.is_empty() {
                     return Err(missing(&self.from, &self.to, &grids));
                 }
@@ -83,6 +83,12 @@ impl Transform3d {
 }
 
 impl Transform3d {
+    /// Longitude and latitude of a point of the source, degrees.
+    fn place_deg(&self, at: DVec3) -> Option<(f64, f64)> {
+        let base = self.from.geographic_base().ok()?;
+        Transform::new(&self.from, &base).ok()?.point(at.x, at.y).ok()
+    }
+
     /// Moves many points at once, all of them or none.
     ///
     /// # Errors
@@ -123,6 +129,12 @@ fn why_impossible_anew(from: &str, to: &str) -> Option<String> {
         CoordTransform::new_with_options(&from, &to, &options)
     };
     build().err().map(|e| reason_of(&e))
+}
+
+/// Whether two definitions are of one CRS, whatever it is called.
+pub(super) fn is_same(a: &str, b: &str) -> bool {
+    route_messages();
+    matches!((SpatialRef::from_definition(a), SpatialRef::from_definition(b)), (Ok(a), Ok(b)) if a == b)
 }
 
 /// The reason that GDAL gives, in words of people: where PROJ finds nothing it writes out both systems, around a null pointer.

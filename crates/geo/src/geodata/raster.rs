@@ -262,7 +262,7 @@ impl RasterFile {
         size: (usize, usize),
         resampling: Resampling,
     ) -> Result<Raster<f32>, RasterError> {
-        self.check_window(window, size)?;
+        self.check_place(window, size)?;
         let failed = |source| RasterError::Read { path: self.path.clone(), band, source };
         let from = (window.col.cast_signed(), window.row.cast_signed());
         let extent = (window.width, window.height);
@@ -296,7 +296,16 @@ impl RasterFile {
         Ok(Raster::from_vec(size.0, size.1, values).expect("GDAL fills the buffer it was given"))
     }
 
-    fn check_window(&self, window: CellWindow, size: (usize, usize)) -> Result<(), RasterError> {
+    /// Checks that a window can be read at a size, for those who read it in parts.
+    ///
+    /// # Errors
+    /// As [`Self::read_window`], without reading.
+    pub fn check_window(&self, band: usize, window: CellWindow, size: (usize, usize)) -> Result<(), RasterError> {
+        self.check_place(window, size)?;
+        self.check_claims(&self.band(band)?, window, size)
+    }
+
+    fn check_place(&self, window: CellWindow, size: (usize, usize)) -> Result<(), RasterError> {
         let (width, height) = self.size();
         let fits = |from: usize, n: usize, total: usize| n > 0 && from.checked_add(n).is_some_and(|end| end <= total);
         let is_inside = fits(window.col, window.width, width) && fits(window.row, window.height, height);

@@ -6,15 +6,18 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::reproject::{self, MapBox};
-use super::{Dem, DemError, Terrain};
+use super::{DemError, Terrain};
 use crate::crs::{Crs, CrsError};
 use crate::geodata::raster::{RasterError, RasterFile};
+use crate::issue::{Issue, Severity, Subject};
+use crate::units::metres_per;
 
 /// Where the ground is: exactly one of `dtm` and `constant_m`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TerrainConfig {
-    /// Raster of ground heights in metres: a terrain model (DTM), not a surface model (DSM) with roofs on it.
+    /// Raster of ground heights: a terrain model (DTM), not a surface model (DSM) with roofs on it. Feet become metres where its
+    /// band or its CRS states them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dtm: Option<PathBuf>,
     /// One ground height everywhere, metres in the project's vertical reference.
@@ -24,7 +27,8 @@ pub struct TerrainConfig {
     /// they agree) where both name theirs and the names differ; heights are never shifted in silence.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub vertical_offset_m: Option<f64>,
-    /// CRS for a DTM that has none; refused for any other.
+    /// CRS for a DTM that has none, or that of the DTM with the vertical part that it lacks, as in "EPSG:2263+6360": it states in
+    /// what unit heights are. Refused for any other.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<String>")]
     pub crs: Option<Crs>,
@@ -113,13 +117,44 @@ pub enum TerrainError {
         /// Kind of the project's heights.
         project_reference: String,
     },
-    /// Heights that are not in metres.
-    #[error("terrain {}: its heights are in {unit:?}, expected metres\nhint: `gdal_calc.py` converts them", path.display())]
+    /// Heights in a unit that is no length.
+    #[error(
+        "terrain {}: its heights are in {unit:?}, expected metres or feet\n\
+         hint: `gdal_edit.py -units m {}` states the unit, `gdal_calc.py` converts heights",
+        path.display(), path.display()
+    )]
     NotMetres {
         /// Path of the terrain model's file.
         path: PathBuf,
         /// Statement of the file.
         unit: String,
+    },
+    /// Positions in feet, and no word of the unit of heights.
+    #[error(
+        "terrain {}: it counts positions in feet ({crs}) and does not say in what it counts heights\nhint: {hint}",
+        path.display()
+    )]
+    HeightUnit {
+        /// Path of the terrain model's file.
+        path: PathBuf,
+        /// CRS of the file.
+        crs: String,
+        /// Way to state it.
+        hint: String,
+    },
+    /// Two statements about the unit of heights.
+    #[error(
+        "terrain {}: its band counts heights in {unit:?}, its CRS in another unit ({crs})\n\
+         hint: correct the file: `gdal_edit.py -units UNIT` or `-a_srs CRS`",
+        path.display()
+    )]
+    TwoUnits {
+        /// Path of the terrain model's file.
+        path: PathBuf,
+        /// Unit of the band.
+        unit: String,
+        /// Vertical part of the CRS.
+        crs: String,
     },
     /// A terrain model that does not cover the area.
     #[error(
@@ -147,12 +182,39 @@ pub enum TerrainError {
     },
 }
 
-/// Reads the ground for an area (project CRS, metres). A DTM in another CRS is resampled, bilinear, onto a grid of the
-/// same cell size in the project's; nodata stays without a value.
+/// Ground, and what is to be said about the file that it was read from.
+#[derive(Debug)]
+pub struct LoadedTerrain {
+    /// The ground.
+    pub terrain: Terrain,
+    /// Converted units, and cells that hold no ground although no nodata tag names them.
+    pub issues: Vec<Issue>,
+}
+
+impl From<Terrain> for LoadedTerrain {
+    fn from(terrain: Terrain) -> Self {
+        Self { terrain, issues: Vec::new() }
+    }
+}
+
+/// Reads the ground for an area as [`load_with_issues`] does, for those who do not report.
 ///
 /// # Errors
 /// [`TerrainError`].
 pub fn load(config: &TerrainConfig, project_crs: &Crs, area: MapBox) -> Result<Terrain, TerrainError> {
+    load_with_issues(config, project_crs, area).map(|loaded| loaded.terrain)
+}
+
+/// Reads the ground for an area (project CRS, metres). A DTM in another CRS is resampled, bilinear, onto a grid of the
+/// same cell size in the project's; nodata stays without a value, and so do voids that no tag names.
+///
+/// # Errors
+/// [`TerrainError`].
+pub fn load_with_issues(
+    config: &TerrainConfig,
+    project_crs: &Crs,
+    area: MapBox,
+) -> Result<LoadedTerrain, TerrainError> {
     let refuse = |problem: &str, hint| Err(TerrainError::Config { problem: problem.to_owned(), hint });
     let offset_m = config.vertical_offset_m.unwrap_or(0.0);
     if !offset_m.is_finite() {
@@ -168,34 +230,29 @@ pub fn load(config: &TerrainConfig, project_crs: &Crs, area: MapBox) -> Result<T
             refuse("`vertical_offset_m` belongs to `dtm`", "add it to `constant_m` yourself")
         }
         (None, Some(z_m)) if !z_m.is_finite() => refuse("`constant_m` is no number", "a height in metres"),
-        (None, Some(z_m)) => Ok(Terrain::Constant(z_m)),
+        (None, Some(z_m)) => Ok(Terrain::Constant(z_m).into()),
         (Some(path), None) => {
             let is_size = |m: f64| m.is_finite() && m > 0.0;
             if !(is_size(config.min_cell_m) && config.margin_m.is_finite() && config.margin_m >= 0.0) {
                 return refuse("`min_cell_m` or `margin_m` is out of range", "a length in metres");
             }
-            load_dtm(path, config, project_crs, area.grown(config.margin_m)).map(Terrain::Grid)
+            load_dtm(path, config, project_crs, area.grown(config.margin_m))
         }
     }
 }
 
-fn load_dtm(path: &Path, config: &TerrainConfig, project_crs: &Crs, area: MapBox) -> Result<Dem, TerrainError> {
+fn load_dtm(
+    path: &Path,
+    config: &TerrainConfig,
+    project_crs: &Crs,
+    area: MapBox,
+) -> Result<LoadedTerrain, TerrainError> {
     let file = RasterFile::open(path)?;
-    let crs = match (file.crs()?, &config.crs) {
-        (None, None) => return Err(TerrainError::NoCrs { path: path.to_owned() }),
-        (None, Some(given)) => given.clone(),
-        (Some(own), None) => own,
-        (Some(own), Some(given)) if own.horizontal_epsg() == given.horizontal_epsg() => own,
-        (Some(own), Some(given)) => {
-            return Err(TerrainError::Config {
-                problem: format!("{} is in {own}, but `crs` says {given}", path.display()),
-                hint: "remove `crs`, or correct the file with `gdal_edit.py -a_srs`",
-            });
-        }
-    };
+    let crs = crs_of(&file, path, config)?;
     if let (Some(dtm), Some(project), None) =
         (crs.vertical_name(), project_crs.vertical_name(), config.vertical_offset_m)
         && dtm != project
+        && !crs.has_heights_of(project_crs)
     {
         return Err(TerrainError::VerticalReference {
             path: path.to_owned(),
@@ -203,9 +260,76 @@ fn load_dtm(path: &Path, config: &TerrainConfig, project_crs: &Crs, area: MapBox
             project_reference: project.to_owned(),
         });
     }
-    let is_metres = |unit: &str| ["m", "metre", "meter", "metres", "meters"].contains(&unit.to_lowercase().as_str());
-    if let Some(unit) = file.unit(config.band)?.filter(|unit| !is_metres(unit)) {
-        return Err(TerrainError::NotMetres { path: path.to_owned(), unit });
+    let unit_m = unit_of(&file, path, &crs, config.band)?;
+    let source = reproject::DtmSource { file: &file, path, crs: &crs, config, unit_m };
+    let (dem, voids) = reproject::read(&source, project_crs, area)?;
+    let converted = (unit_m != 1.0).then(|| {
+        let unit =
+            crs.vertical_name().map_or_else(|| file.unit(config.band).ok().flatten(), |name| Some(name.to_owned()));
+        let message = format!(
+            "its heights ({}) are multiplied by {unit_m:.7} to metres",
+            unit.unwrap_or_else(|| "feet".to_owned())
+        );
+        Issue::new(Severity::Note, "terrain_converted", Subject::Input(path.display().to_string()), message)
+    });
+    Ok(LoadedTerrain { terrain: Terrain::Grid(dem), issues: converted.into_iter().chain(voids).collect() })
+}
+
+/// Metres per unit of the heights of a configured DTM; 1 without one.
+///
+/// # Errors
+/// [`TerrainError`] where it cannot be opened, or does not say in what it counts heights.
+pub fn height_unit_m(config: &TerrainConfig) -> Result<f64, TerrainError> {
+    let Some(path) = &config.dtm else { return Ok(1.0) };
+    let file = RasterFile::open(path)?;
+    unit_of(&file, path, &crs_of(&file, path, config)?, config.band)
+}
+
+/// CRS of a DTM: its own, with the vertical part that is stated where it lacks one, or the stated one.
+fn crs_of(file: &RasterFile, path: &Path, config: &TerrainConfig) -> Result<Crs, TerrainError> {
+    match (file.crs()?, &config.crs) {
+        (None, None) => Err(TerrainError::NoCrs { path: path.to_owned() }),
+        (None, Some(given)) => Ok(given.clone()),
+        (Some(own), None) => Ok(own),
+        (Some(own), Some(given)) if own.has_plane_of(given) => Ok(own.with_heights_of(Some(given))),
+        (Some(own), Some(given)) => Err(TerrainError::Config {
+            problem: format!("{} is in {own}, but `crs` says {given}", path.display()),
+            hint: "remove `crs`, or correct the file with `gdal_edit.py -a_srs`",
+        }),
     }
-    reproject::read(&reproject::DtmSource { file: &file, path, crs: &crs, config }, project_crs, area)
+}
+
+/// Metres per unit of a DTM's heights, as its band or the vertical part of its CRS states it. In a plane that is counted in metres
+/// or degrees heights are metres unless stated; in one that is counted in feet they may be either.
+fn unit_of(file: &RasterFile, path: &Path, crs: &Crs, band: usize) -> Result<f64, TerrainError> {
+    /// International and US survey feet, which many files mix up, differ by less.
+    const SAME_UNIT: f64 = 1e-4;
+    let of_band = match file.unit(band)? {
+        Some(unit) => match metres_per(&unit) {
+            Some(unit_m) => Some((unit_m, unit)),
+            None => return Err(TerrainError::NotMetres { path: path.to_owned(), unit }),
+        },
+        None => None,
+    };
+    match (of_band, crs.height_unit_m()) {
+        (Some((band_m, unit)), Some(crs_m)) if (band_m / crs_m - 1.0).abs() > SAME_UNIT => {
+            let crs = crs.vertical_name().unwrap_or_else(|| crs.name()).to_owned();
+            Err(TerrainError::TwoUnits { path: path.to_owned(), unit, crs })
+        }
+        (_, Some(crs_m)) => Ok(crs_m),
+        (Some((band_m, _)), None) => Ok(band_m),
+        (None, None) if crs.is_metric() => Ok(1.0),
+        (None, None) => {
+            let hint = crs.horizontal_epsg().map_or_else(
+                || "state `crs` with a vertical part, such as \"EPSG:2263+6360\"".to_owned(),
+                |code| {
+                    format!(
+                        "state `crs` with a vertical part: in the USA \"EPSG:{code}+6360\" (NAVD88 in US survey feet) or \
+                         \"EPSG:{code}+5703\" (NAVD88 in metres); or write the unit into the file: `gdal_edit.py -units ft`"
+                    )
+                },
+            );
+            Err(TerrainError::HeightUnit { path: path.to_owned(), crs: crs.to_string(), hint })
+        }
+    }
 }

@@ -5,8 +5,9 @@
 mod ground;
 mod load;
 mod reproject;
+mod voids;
 
 pub use ground::{GroundConfig, GroundReference, ground_under};
-pub use load::{TerrainConfig, TerrainError, load};
+pub use load::{LoadedTerrain, TerrainConfig, TerrainError, height_unit_m, load, load_with_issues};
 pub use reproject::MapBox;
 pub use sizeup_heights::terrain::{Dem, DemError, GroundLevel, Terrain};

@@ -4,8 +4,10 @@ use std::path::Path;
 
 use super::Dem;
 use super::load::{TerrainConfig, TerrainError};
+use super::voids::{HeightCells, Voids};
 use crate::crs::{Crs, CrsError, Transform};
 use crate::geodata::raster::{CellWindow, Grid, RasterFile, Resampling};
+use crate::issue::Issue;
 use sizeup_heights::raster::Raster;
 
 /// An axis-aligned area in the map frame, metres.
@@ -94,7 +96,14 @@ pub(super) struct DtmSource<'a> {
     pub path: &'a Path,
     pub crs: &'a Crs,
     pub config: &'a TerrainConfig,
+    /// Metres per unit of its heights.
+    pub unit_m: f64,
 }
+
+/// So many cells of a file are read at a time where they are averaged.
+const CELLS_AT_A_TIME: usize = 1 << 25;
+/// More cells, which only the map of a whole city has, are averaged by GDAL, with the file's overviews.
+const MOST_CELLS: usize = 1 << 29;
 
 impl DtmSource<'_> {
     fn crs_error(&self, source: CrsError) -> TerrainError {
@@ -106,8 +115,14 @@ impl DtmSource<'_> {
             .map_err(|source| TerrainError::Dem { path: self.path.to_owned(), source })
     }
 
-    /// A part of the raster in its own CRS, with cells of at least `min_cell` of its own units.
-    fn window(&self, grid: Grid, wanted: MapBox, min_cell: f64) -> Result<Option<Dem>, TerrainError> {
+    /// A part of the raster in its own CRS, with cells of at least `min_cell` of its own units; heights are metres.
+    fn window(
+        &self,
+        grid: Grid,
+        wanted: MapBox,
+        own_units_per_m: f64,
+    ) -> Result<Option<(Dem, Vec<Issue>)>, TerrainError> {
+        let min_cell = self.config.min_cell_m * own_units_per_m;
         let (width, height) = self.file.size();
         // Two cells more on every side, for the bilinear neighbourhood of positions at the edge.
         let span = |from: f64, to: f64, n: usize| -> Option<(usize, usize)> {
@@ -121,20 +136,90 @@ impl DtmSource<'_> {
         let (Some((col, width)), Some((row, height))) = (columns, rows) else { return Ok(None) };
         let reduced = |n: usize, cell: f64| ((n as f64 * cell / cell.max(min_cell)).round() as usize).max(1);
         let size = (reduced(width, grid.cell_x), reduced(height, grid.cell_y));
-        let resampling = if size == (width, height) { Resampling::Nearest } else { Resampling::Average };
         let window = CellWindow { col, row, width, height };
-        let mut heights = self.file.read_window(self.config.band, window, size, resampling)?;
-        let offset_m = self.config.vertical_offset_m.unwrap_or(0.0) as f32;
-        heights.data_mut().iter_mut().for_each(|z| *z += offset_m);
+        let cell_m = grid.cell_x.max(grid.cell_y) / own_units_per_m;
+        let counted = HeightCells { unit_m: self.unit_m, cell_m };
+        let (mut heights, voids) = self.without_voids(window, size, counted)?;
+        let (unit_m, offset_m) = (self.unit_m, self.config.vertical_offset_m.unwrap_or(0.0));
+        if unit_m != 1.0 {
+            heights.data_mut().iter_mut().for_each(|z| *z = (f64::from(*z) * unit_m) as f32);
+        }
+        heights.data_mut().iter_mut().for_each(|z| *z += offset_m as f32);
         let (west, north) = (grid.west + col as f64 * grid.cell_x, grid.north - row as f64 * grid.cell_y);
         let (cell_x, cell_y) =
             (grid.cell_x * width as f64 / size.0 as f64, grid.cell_y * height as f64 / size.1 as f64);
-        self.dem(heights, (west, north), (cell_x, cell_y)).map(Some)
+        let dem = self.dem(heights, (west, north), (cell_x, cell_y))?;
+        Ok(Some((dem, voids.issues(self.path, counted))))
+    }
+
+    /// Heights of a window at another size, in the file's unit: voids have to go before cells are averaged.
+    fn without_voids(
+        &self,
+        window: CellWindow,
+        size: (usize, usize),
+        counted: HeightCells,
+    ) -> Result<(Raster<f32>, Voids), TerrainError> {
+        let band = self.config.band;
+        let mut voids = Voids::default();
+        let CellWindow { width, height, .. } = window;
+        let is_whole = size == (width, height);
+        if is_whole || width.saturating_mul(height) > MOST_CELLS {
+            let resampling = if is_whole { Resampling::Nearest } else { Resampling::Average };
+            let mut heights = self.file.read_window(band, window, size, resampling)?;
+            voids.blank(&mut heights, counted);
+            return Ok((heights, voids));
+        }
+        self.file.check_window(band, window, size)?;
+        let rows_per_row = height as f64 / size.1 as f64;
+        let rows_at_a_time = ((CELLS_AT_A_TIME as f64 / (width as f64 * rows_per_row)) as usize).max(1);
+        let mut averaged = Vec::with_capacity(size.0 * size.1);
+        for first in (0..size.1).step_by(rows_at_a_time) {
+            let last = (first + rows_at_a_time).min(size.1);
+            let from = ((first as f64 * rows_per_row) as usize).min(height - 1);
+            let to = ((last as f64 * rows_per_row).ceil() as usize).clamp(from + 1, height);
+            let part = CellWindow { row: window.row + from, height: to - from, ..window };
+            let mut cells = self.file.read_window(band, part, (width, to - from), Resampling::Nearest)?;
+            voids.blank(&mut cells, counted);
+            let top = first as f64 * rows_per_row - from as f64;
+            averaged.extend(averages(&cells, size.0, last - first, top, rows_per_row));
+        }
+        Ok((Raster::from_vec(size.0, size.1, averaged).expect("one value per cell"), voids))
     }
 }
 
+/// Means over larger cells, weighted by how much of each smaller one lies in them; cells without a value are left out. `top` is
+/// where the first row begins, in rows of the smaller cells.
+fn averages(cells: &Raster<f32>, n_cols: usize, n_rows: usize, top: f64, rows_per_row: f64) -> Vec<f32> {
+    let cols_per_col = cells.width() as f64 / n_cols as f64;
+    let mean = |col: usize, row: usize| {
+        let (left, upper) = (col as f64 * cols_per_col, top + row as f64 * rows_per_row);
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for (j, wy) in shares(upper, rows_per_row, cells.height()) {
+            for (i, wx) in shares(left, cols_per_col, cells.width()) {
+                let z = cells.data()[j * cells.width() + i];
+                if !z.is_nan() {
+                    sum += wx * wy * f64::from(z);
+                    weights += wx * wy;
+                }
+            }
+        }
+        if weights > 0.0 { (sum / weights) as f32 } else { f32::NAN }
+    };
+    (0..n_rows).flat_map(|row| (0..n_cols).map(move |col| (col, row))).map(|(col, row)| mean(col, row)).collect()
+}
+
+/// The cells of a row or column that a stretch meets, and how much of each.
+fn shares(from: f64, length: f64, n: usize) -> impl Iterator<Item = (usize, f64)> {
+    /// Rounding of the ends of a stretch.
+    const NOTHING: f64 = 1e-6;
+    let to = (from + length).min(n as f64);
+    (from as usize..(to.ceil() as usize).min(n))
+        .map(move |i| (i, (i as f64 + 1.0).min(to) - (i as f64).max(from)))
+        .filter(|(_, share)| *share > NOTHING)
+}
+
 /// The DTM around `area` in the project's CRS: the file's own cells where it is in that CRS already.
-pub(super) fn read(source: &DtmSource<'_>, project_crs: &Crs, area: MapBox) -> Result<Dem, TerrainError> {
+pub(super) fn read(source: &DtmSource<'_>, project_crs: &Crs, area: MapBox) -> Result<(Dem, Vec<Issue>), TerrainError> {
     let grid = source.file.grid()?;
     let (width, height) = source.file.size();
     let extent = MapBox {
@@ -161,13 +246,13 @@ pub(super) fn read(source: &DtmSource<'_>, project_crs: &Crs, area: MapBox) -> R
 
     let is_same_plane = in_dtm.iter().all(|(p, q)| (p.0 - q.0).abs() < 1e-3 && (p.1 - q.1).abs() < 1e-3);
     let own_cells_per_m = own_units_per_metre(&in_dtm, area);
-    let dem = source.window(grid, wanted, source.config.min_cell_m * own_cells_per_m)?.ok_or_else(elsewhere)?;
+    let (dem, issues) = source.window(grid, wanted, own_cells_per_m)?.ok_or_else(elsewhere)?;
     if is_same_plane {
-        return Ok(dem);
+        return Ok((dem, issues));
     }
     let cell_m = dem.cell_m().0.min(dem.cell_m().1) / own_cells_per_m;
     let heights = resample(&dem, &to_dtm, area, cell_m).map_err(|e| source.crs_error(e))?;
-    source.dem(heights, (area.west_m, area.north_m), (cell_m, cell_m))
+    source.dem(heights, (area.west_m, area.north_m), (cell_m, cell_m)).map(|dem| (dem, issues))
 }
 
 /// Length of a metre of the map in the other CRS (1e-5 for degrees), by the larger of its two directions.

@@ -140,11 +140,16 @@ pub(super) fn read(path: &Path) -> Result<RawCity, SimulateError> {
     Ok(RawCity { crs: crs(&document.metadata), buildings })
 }
 
-/// `https://www.opengis.net/def/crs/EPSG/0/28992` and `urn:ogc:def:crs:EPSG::28992` as `EPSG:28992`.
+/// `https://www.opengis.net/def/crs/EPSG/0/28992` and `urn:ogc:def:crs:EPSG::28992` as `EPSG:28992`; OGC's names of two parts
+/// (`…/crs-compound?1=…/EPSG/0/28992&2=…/EPSG/0/5709`) as `EPSG:28992+5709`.
 fn crs(metadata: &Value) -> Option<String> {
     let name = metadata["referenceSystem"].as_str()?;
-    let code: u32 = name.rsplit(['/', ':']).next()?.parse().ok()?;
-    name.contains("EPSG").then(|| format!("EPSG:{code}"))
+    let parts = name.split("EPSG").skip(1).map(|part| {
+        let code = part.split(['&', ',']).next()?.rsplit(['/', ':']).next()?;
+        code.parse::<u32>().ok().map(|code| code.to_string())
+    });
+    let codes = parts.collect::<Option<Vec<String>>>()?;
+    (!codes.is_empty()).then(|| format!("EPSG:{}", codes.join("+")))
 }
 
 /// Surfaces lie one, two or three levels deep; semantics have the same nesting down to the surface.
@@ -210,6 +215,17 @@ mod tests {
         assert_eq!(city.buildings.len(), 1);
         assert_eq!((city.buildings[0].id.as_str(), city.buildings[0].surfaces.len()), ("b", 6));
         assert_eq!(city.buildings[0].surfaces[1].rings[0][2], DVec3::new(12.0, 21.0, 3.0));
+    }
+
+    #[test]
+    fn the_vertical_part_of_a_compound_is_not_its_crs() {
+        let of = |name: &str| crs(&serde_json::json!({ "referenceSystem": name }));
+        let part = |n: &str, code: u32| format!("{n}=http://www.opengis.net/def/crs/EPSG/0/{code}");
+        let url = format!("http://www.opengis.net/def/crs-compound?{}&{}", part("1", 28992), part("2", 5709));
+        assert_eq!(of(&url).as_deref(), Some("EPSG:28992+5709"));
+        assert_eq!(of("urn:ogc:def:crs,crs:EPSG::28992,crs:EPSG::5709").as_deref(), Some("EPSG:28992+5709"));
+        assert_eq!(of("urn:ogc:def:crs:EPSG::7415").as_deref(), Some("EPSG:7415"));
+        assert_eq!(of("OGC:CRS84"), None);
     }
 
     #[test]

@@ -38,10 +38,15 @@ pub enum ProjectGround<'a> {
         path: &'a Path,
         /// CRS; QGIS takes it to be the project's without.
         crs: Option<&'a Crs>,
+        /// Metres per unit of its heights.
+        unit_m: f64,
         /// Added to its heights, metres.
         offset_m: f64,
     },
 }
+
+/// Heights that QGIS takes for no value whatever the raster's own nodata tag names, metres: no ground has them.
+const NO_GROUND_M: [(f64, f64); 2] = [(f64::NEG_INFINITY, -1000.0), (9000.0, f64::INFINITY)];
 
 /// A layer of the legend: its name, whether it is drawn, and the group it is in.
 type LegendEntry = (&'static str, bool, Option<&'static str>);
@@ -227,14 +232,15 @@ impl QgisProject<'_> {
         let layers = |names: &[&str]| -> String {
             names.iter().map(|name| format!("<layer id=\"{ID_PREFIX}{name}\"/>")).collect()
         };
-        let (offset_m, generator, provider, shown) = match self.ground {
-            ProjectGround::Model { offset_m, .. } => (
+        let (offset_m, exaggeration, generator, provider, shown) = match self.ground {
+            ProjectGround::Model { offset_m, unit_m, .. } => (
                 offset_m,
+                unit_m,
                 format!(
                     "<generator type=\"dem\" layer=\"{ID_PREFIX}{TERRAIN}\" resolution=\"16\" skirt-height=\"10\"/>"
                 ),
                 format!(
-                    "<terrainProvider type=\"raster\"><TerrainProvider offset=\"{offset_m}\" scale=\"1\" \
+                    "<terrainProvider type=\"raster\"><TerrainProvider offset=\"{offset_m}\" scale=\"{unit_m}\" \
                      layer=\"{ID_PREFIX}{TERRAIN}\"/></terrainProvider>"
                 ),
                 layers(&["buildings", "buildings_lod2", TERRAIN]),
@@ -243,6 +249,7 @@ impl QgisProject<'_> {
                 let level_m = if let ProjectGround::Level(level_m) = self.ground { level_m } else { lowest };
                 (
                     level_m,
+                    1.0,
                     format!(
                         "<generator type=\"flat\"><extent xmin=\"{west:.3}\" ymin=\"{south:.3}\" xmax=\"{east:.3}\" \
                          ymax=\"{north:.3}\"/></generator>"
@@ -264,7 +271,7 @@ impl QgisProject<'_> {
              <directional-lights><directional-light x=\"0.4\" y=\"-0.8\" z=\"-0.5\" color=\"255,255,255,255\" \
              intensity=\"0.4\"/><directional-light x=\"-0.7\" y=\"-0.5\" z=\"0.3\" color=\"255,255,255,255\" \
              intensity=\"0.2\"/></directional-lights>\
-             <terrain exaggeration=\"1\" texture-size=\"512\" max-terrain-error=\"3\" max-ground-error=\"1\" \
+             <terrain exaggeration=\"{exaggeration}\" texture-size=\"512\" max-terrain-error=\"3\" max-ground-error=\"1\" \
              shading-enabled=\"0\" terrain-rendering-enabled=\"1\" map-theme=\"\" show-labels=\"0\" \
              elevation-offset=\"{offset_m}\"><layers>{shown}</layers>{generator}</terrain></qgis3d></view></mapViewDocks3D>",
             f64::midpoint(west, east),
@@ -285,14 +292,20 @@ impl QgisProject<'_> {
                 aliases(self.columns.get(name).map_or(&[], Vec::as_slice))
             );
         }
-        if let ProjectGround::Model { path, crs: own, .. } = self.ground {
+        if let ProjectGround::Model { path, crs: own, unit_m, .. } = self.ground {
             let path = path.to_string_lossy();
+            let void = |(low, high): (f64, f64)| {
+                let in_units = |m: f64| (m / unit_m).clamp(-f64::from(f32::MAX), f64::from(f32::MAX));
+                format!("<noDataRange min=\"{:e}\" max=\"{:e}\"/>", in_units(low), in_units(high))
+            };
+            let voids: String = NO_GROUND_M.into_iter().map(void).collect();
             let crs = own.map_or_else(|| crs.clone(), spatial_reference);
             let prefix = if path.starts_with(['/', '.']) { "" } else { "./" };
             let _ = writeln!(
                 text,
                 "<maplayer type=\"raster\"><id>{ID_PREFIX}{TERRAIN}</id><datasource>{prefix}{}</datasource>\
-                 <layername>{TERRAIN}</layername><srs>{crs}</srs><provider>gdal</provider><pipe><rasterrenderer type=\"hillshade\" band=\"1\" \
+                 <layername>{TERRAIN}</layername><srs>{crs}</srs><provider>gdal</provider>\
+                 <noData><noDataList bandNo=\"1\" useSrcNoData=\"1\">{voids}</noDataList></noData><pipe><rasterrenderer type=\"hillshade\" band=\"1\" \
                  azimuth=\"315\" angle=\"45\" zfactor=\"1\" multidirection=\"1\" opacity=\"0.5\" alphaBand=\"-1\"/></pipe>\
                  </maplayer>",
                 escape(path.as_ref())
