@@ -221,6 +221,12 @@ impl Crs {
         if axis["unit"] == "metre" { Some(1.0) } else { axis["unit"]["conversion_factor"].as_f64() }
     }
 
+    /// Whether it is a system of heights alone, in which nothing has a position.
+    #[must_use]
+    pub fn is_vertical(&self) -> bool {
+        self.json["type"] == "VerticalCRS"
+    }
+
     /// EPSG code of the vertical part of a compound CRS, or of a vertical CRS itself.
     #[must_use]
     pub fn vertical_epsg(&self) -> Option<u32> {
