@@ -4,7 +4,8 @@
 //! or they join along edges and slope. Its outline in plan is the union of the faces that do not stand upright. Parts of an ordinary footprint
 //! lie side by side and apart, and stay parts.
 
-use geo::{Area as _, Euclidean, Length as _, unary_union};
+use geo::orient::Direction;
+use geo::{Area as _, Euclidean, Length as _, Orient as _, unary_union};
 use geo_types::{MultiPolygon, Polygon};
 
 /// An upright face has an area in plan below this share of its squared perimeter there: it is a five-hundredth as wide as long.
@@ -30,7 +31,8 @@ impl Face {
     pub(super) fn new(plan: Polygon<f64>, heights: impl IntoIterator<Item = f64>) -> Self {
         let start = [f64::INFINITY, f64::NEG_INFINITY];
         let range = heights.into_iter().fold(start, |[low, high], z| [low.min(z), high.max(z)]);
-        Self { plan, range }
+        // Floors run the other way round than roofs, and a union takes one way only.
+        Self { plan: plan.orient(Direction::Default), range }
     }
 
     fn rise(&self) -> f64 {

@@ -16,7 +16,8 @@
 
 use std::collections::HashMap;
 
-use geo::{Area, unary_union};
+use geo::orient::Direction;
+use geo::{Area, Orient as _, unary_union};
 use geo_types::{Coord, LineString, MultiPolygon, Polygon};
 use indexmap::IndexMap;
 
@@ -192,7 +193,8 @@ pub fn measure(
         0 => None,
         // By far the most frequent, and a union would only cost time.
         1 => Some(MultiPolygon::new(footprint)),
-        _ => Some(unary_union(&footprint)),
+        // A union takes polygons of one way round only.
+        _ => Some(unary_union(&footprint.iter().map(|part| part.orient(Direction::Default)).collect::<Vec<_>>())),
     };
     let ground_m = if ground_m.is_finite() { ground_m } else { lowest_m };
     (roof.levels(ground_m), footprint)
