@@ -180,6 +180,15 @@ impl Crs {
         self.json["name"].as_str().unwrap_or(&self.definition)
     }
 
+    /// The same by its own code, where it is written as two codes and EPSG has one for both: other programs know it by that.
+    #[must_use]
+    pub fn registered(self) -> Self {
+        let code = if self.epsg().is_none() { Self::epsg_of_name(self.name()) } else { None };
+        let own = code.and_then(|code| Self::parse(&format!("EPSG:{code}")).ok());
+        let parts = |crs: &Self| (crs.horizontal_epsg(), crs.vertical_epsg());
+        own.filter(|own| parts(own) == parts(&self)).unwrap_or(self)
+    }
+
     /// EPSG code (a compound's own code, where one exists).
     #[must_use]
     pub fn epsg(&self) -> Option<u32> {
@@ -417,6 +426,12 @@ mod tests {
         assert_eq!((crs.epsg(), crs.horizontal_epsg()), (Some(7415), Some(28992)));
         assert_eq!(crs.vertical_name(), Some("NAP height"));
         assert_eq!(crs.height_unit_m(), Some(1.0));
+        assert_eq!(Crs::parse("EPSG:28992+5709").unwrap().registered().epsg(), Some(7415));
+        assert_eq!(
+            Crs::parse("EPSG:28992+5773").unwrap().registered().definition(),
+            "EPSG:28992+5773",
+            "without a code"
+        );
         // Long Island in US survey feet, heights likewise; without its vertical part nothing is said of heights.
         let feet = Crs::parse("EPSG:2263+6360").unwrap().height_unit_m().unwrap();
         assert!((feet - 1200.0 / 3937.0).abs() < 1e-12, "{feet}");

@@ -72,7 +72,7 @@ fn united(faces: &[&Face]) -> Option<MultiPolygon<f64>> {
     let is_number = |face: &&Face| face.plan.exterior().coords().all(|c| c.x.is_finite() && c.y.is_finite());
     // What is no number is refused by whoever uses the feature.
     let is_sound = !faces.is_empty() && faces.iter().all(is_number);
-    is_sound.then(|| unary_union(faces.iter().map(|face| &face.plan)))
+    is_sound.then(|| unary_union(faces.iter().map(|face| &face.plan))).filter(|united| !united.0.is_empty())
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@ use serde_json::Value;
 
 use super::unmeasured::ATTRIBUTE_REFUSED;
 use super::{BuildingRecord, Status};
+use sizeup_geo::geodata::vector::plain_text;
 use sizeup_heights::scene::HeightBounds;
 use sizeup_heights::stats;
 
@@ -117,10 +118,10 @@ fn of_attribute(
     let Some(height_m) = height_m(&value, config.metres_per_unit) else { return refused("is no height") };
     let HeightBounds { min_m, max_m } = bounds;
     if height_m < f64::from(min_m) {
-        return refused(&format!("makes {height_m} m, below heights.min_m of {min_m} m"));
+        return refused(&format!("({height_m} m) is below heights.min_m of {min_m} m"));
     }
     if height_m > f64::from(max_m) {
-        return refused(&format!("makes {height_m} m, above heights.max_m of {max_m} m"));
+        return refused(&format!("({height_m} m) is above heights.max_m of {max_m} m"));
     }
     Ok(Some((height_m, None)))
 }
@@ -130,7 +131,8 @@ const LONGEST_SHOWN: usize = 40;
 
 /// A value as a reason shows it; reasons are separated by a semicolon and a space.
 fn shown(value: &Value) -> String {
-    value.to_string().replace("; ", ";").chars().take(LONGEST_SHOWN).collect()
+    let text = if value.is_number() { plain_text(value) } else { value.to_string() };
+    text.replace("; ", ";").chars().take(LONGEST_SHOWN).collect()
 }
 
 /// Metres by a value of an attribute; `None` where it is no number with a unit or without.
@@ -254,7 +256,7 @@ mod tests {
         fill(&mut records, &config, BOUNDS);
         assert_eq!((records[4].height_m, records[4].status), (Some(12.0), Status::Fallback));
         assert_eq!((records[5].height_m, records[5].status), (None, Status::Unknown));
-        let refusal = "attribute_refused: storeys = -1 makes -3 m, below heights.min_m of 2 m";
+        let refusal = "attribute_refused: storeys = -1 (-3 m) is below heights.min_m of 2 m";
         assert_eq!(records[5].reasons, [refusal, "no_fallback", "seen_by_no_view"]);
     }
 
@@ -304,8 +306,8 @@ mod tests {
             refused(json!(text), " is no height");
         }
         refused(json!(true), "h = true is no height");
-        refused(json!("9999"), "h = \"9999\" makes 9999 m, above heights.max_m of 150 m");
-        refused(json!(1e6), "above heights.max_m of 150 m");
+        refused(json!("9999"), "h = \"9999\" (9999 m) is above heights.max_m of 150 m");
+        refused(json!(1e6), "h = 1000000 (1000000 m) is above heights.max_m of 150 m");
         refused(json!(0), "h = 0 makes 0 m, below heights.min_m of 2 m");
         refused(json!(-9.5), "below heights.min_m of 2 m");
         assert_eq!(

@@ -331,7 +331,7 @@ pub(super) fn crs_of(metadata: &JsonMap<String, Value>) -> Result<Option<Crs>, S
         [first, second] => {
             let is_second_horizontal = parse(format!("EPSG:{first}"))?.is_vertical();
             let [plane, heights] = if is_second_horizontal { [second, first] } else { [first, second] };
-            parse(format!("EPSG:{plane}+{heights}"))?
+            parse(format!("EPSG:{plane}+{heights}"))?.registered()
         }
         _ => return Err(wrong("expected a CRS and at most one of heights")),
     };
