@@ -308,7 +308,7 @@ mod tests {
         refused(json!(true), "h = true is no height");
         refused(json!("9999"), "h = \"9999\" (9999 m) is above heights.max_m of 150 m");
         refused(json!(1e6), "h = 1000000 (1000000 m) is above heights.max_m of 150 m");
-        refused(json!(0), "h = 0 makes 0 m, below heights.min_m of 2 m");
+        refused(json!(0), "h = 0 (0 m) is below heights.min_m of 2 m");
         refused(json!(-9.5), "below heights.min_m of 2 m");
         assert_eq!(
             from_attribute(Value::Null, 1.0).reasons,
