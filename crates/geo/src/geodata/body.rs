@@ -28,7 +28,7 @@ pub(super) struct Face {
 
 impl Face {
     /// A face in plan, and the heights of its corners.
-    pub(super) fn new(plan: Polygon<f64>, heights: impl IntoIterator<Item = f64>) -> Self {
+    pub(super) fn new(plan: &Polygon<f64>, heights: impl IntoIterator<Item = f64>) -> Self {
         let start = [f64::INFINITY, f64::NEG_INFINITY];
         let range = heights.into_iter().fold(start, |[low, high], z| [low.min(z), high.max(z)]);
         // Floors run the other way round than roofs, and a union takes one way only.
@@ -83,7 +83,7 @@ mod tests {
 
     fn face(corners: &[[f64; 3]]) -> Face {
         let ring: LineString<f64> = corners.iter().map(|p| Coord { x: p[0], y: p[1] }).collect();
-        Face::new(Polygon::new(ring, Vec::new()), corners.iter().map(|p| p[2]))
+        Face::new(&Polygon::new(ring, Vec::new()), corners.iter().map(|p| p[2]))
     }
 
     fn level(x: f64, z: f64) -> Face {

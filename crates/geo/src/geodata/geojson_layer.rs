@@ -292,7 +292,7 @@ fn faces(geometry: &GeometryValue) -> Option<Vec<Face>> {
     let face = |rings: &Vec<Vec<Position>>| {
         // GDAL gives places without a height the height 0.
         let heights = rings.first()?.iter().map(|at| at.as_slice().get(2).copied().unwrap_or(0.0));
-        Some(Face::new(polygon(rings)?, heights))
+        Some(Face::new(&polygon(rings)?, heights))
     };
     match geometry {
         GeometryValue::Polygon { coordinates } => Some(face(coordinates).into_iter().collect()),

@@ -406,7 +406,7 @@ fn faces(geometry: &Geometry) -> Option<Vec<Face>> {
         Kind::wkbPolygon | Kind::wkbCurvePolygon | Kind::wkbTriangle => {
             let mut corners = Vec::new();
             children(geometry).next()?.get_points(&mut corners);
-            Some(vec![Face::new(polygon(geometry)?, corners.into_iter().map(|(_, _, z)| z))])
+            Some(vec![Face::new(&polygon(geometry)?, corners.into_iter().map(|(_, _, z)| z))])
         }
         Kind::wkbMultiPolygon
         | Kind::wkbMultiSurface

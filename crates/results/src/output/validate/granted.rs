@@ -339,10 +339,8 @@ mod tests {
         fn places(value: &Value, at: String, all: &mut Vec<String>) {
             match value {
                 Value::Object(members) => members.iter().for_each(|(name, v)| places(v, format!("{at}/{name}"), all)),
-                // The second of several is as good as the third.
-                Value::Array(items) => {
-                    items.iter().take(2).enumerate().for_each(|(i, v)| places(v, format!("{at}/{i}"), all))
-                }
+                // The first of several is as good as the second.
+                Value::Array(items) => items.iter().take(1).for_each(|v| places(v, format!("{at}/0"), all)),
                 _ => {}
             }
             all.push(at);
