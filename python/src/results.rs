@@ -18,6 +18,9 @@ pub(crate) fn read_city(py: Python<'_>, path: PathBuf) -> PyResult<String> {
 
 fn city(path: &std::path::Path) -> Result<String, Failure> {
     let file = RecordFile::open(path, ReadOptions::default()).map_err(|e| Failure::of_file(&e))?;
+    if let Some(crs) = file.crs() {
+        file.check_units(crs).map_err(|e| Failure::of_file(&e))?;
+    }
     let mut buildings = Vec::new();
     file.visit(&mut |record| {
         buildings.push(building(record));

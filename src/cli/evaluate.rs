@@ -19,6 +19,7 @@ use sizeup_lab::evaluate::{
     CloudTruthOptions, ComparedFiles, HeightOptions, PhotoAreas, compare_files, evaluate_photos,
 };
 use sizeup_results::output::HeightReference;
+use sizeup_results::output::read::{RESULTS, result_file};
 use sizeup_survey::View;
 
 /// Arguments of `sizeup evaluate`.
@@ -30,9 +31,9 @@ use sizeup_survey::View;
   sizeup evaluate result/city.city.json lidar.laz --truth-crs EPSG:7415
   sizeup evaluate footprints-in-photos.json SET/test.json")]
 pub struct EvaluateArgs {
-    /// Result: CityJSON, a vector layer with a height attribute, or OBJ; footprints in photos as COCO.
+    /// Result: its folder, CityJSON, a vector layer with a height attribute, or OBJ; footprints in photos as COCO.
     pub result: PathBuf,
-    /// Reference: CityJSON of any version and level of detail, a vector layer with a height attribute, OBJ, a point
+    /// Reference: the folder of another result, CityJSON of any version and level of detail, a vector layer with a height attribute, OBJ, a point
     /// cloud (LAS, LAZ, or XYZ with instance ids), or footprints in the same photos as COCO.
     pub truth: PathBuf,
     /// Height attribute of the reference, metres above ground.
@@ -100,6 +101,8 @@ pub enum HeightReferenceArg {
 }
 
 pub(super) fn run(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
+    let file = |path: &Path| result_file(path, RESULTS).map_err(|e| Failure::new(3, &e));
+    let args = &EvaluateArgs { result: file(&args.result)?, truth: file(&args.truth)?, ..args.clone() };
     warn_of_unfinished(&args.result, global);
     let parse = |definition: &String| Crs::parse(definition).map_err(|e| Failure::new(2, &e));
     if !(0.0..=100.0).contains(&args.roof_percentile) {

@@ -9,7 +9,7 @@ use super::{Call, Failure, Global, Ui, counted, print_json};
 use sizeup_geo::crs::Crs;
 use sizeup_results::output::cityjson::{self, AttributeNames, CityJsonConfig};
 use sizeup_results::output::geopackage::{self, GeoPackageConfig, ProjectGround};
-use sizeup_results::output::read::{ReadOptions, RecordFile};
+use sizeup_results::output::read::{LAYERED_RESULTS, RESULTS, ReadOptions, RecordFile, result_file};
 use sizeup_results::output::tiles3d::{self, Heights, Precision, Tiles3dConfig};
 use sizeup_results::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records};
 use sizeup_results::output::{flatcitybuf, flatgeobuf, geojson};
@@ -18,7 +18,7 @@ use sizeup_survey::Survey;
 /// Arguments of `sizeup export`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Examples:
-  sizeup export result/city.city.json city.gpkg
+  sizeup export result city.gpkg
   sizeup export result/city.gpkg city.city.jsonl
   sizeup export result/city.gpkg city.geojson      longitude and latitude, for web maps
   sizeup export result/city.gpkg issues.geojson --layer qa_issues
@@ -27,7 +27,8 @@ use sizeup_survey::Survey;
 
 An export has the buildings with all their attributes; cameras, issues and tiles go one by one, with --layer.")]
 pub struct ExportArgs {
-    /// CityJSON (.json), CityJSONSeq (.jsonl), GeoPackage or FlatGeobuf; ours, or anybody's with heights.
+    /// Folder of a result, or a file: CityJSON (.json), CityJSONSeq (.jsonl), GeoPackage or FlatGeobuf; ours, or anybody's with
+    /// heights.
     pub input: PathBuf,
     /// File to write, or the folder of 3D Tiles.
     pub output: PathBuf,
@@ -107,13 +108,16 @@ pub enum HeightsArg {
 
 pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
     let format = args.to.map_or_else(|| format_of(&args.output), Ok)?;
+    let names = if args.layer.is_some() { LAYERED_RESULTS } else { RESULTS };
+    let input = result_file(&args.input, names).map_err(|e| Failure::new(3, &e))?;
+    let args = &ExportArgs { input, ..args.clone() };
     warn_of_unfinished(&args.input, global);
     if let Some(layer) = &args.layer {
         return export_layer(args, format, layer, global);
     }
     let file = RecordFile::open(&args.input, ReadOptions::default()).map_err(|e| Failure::new(3, &e))?;
     let crs = match (file.crs(), &args.crs) {
-        (None, Some(definition)) => Crs::parse(definition).map_err(|e| Failure::new(2, &e))?,
+        (None, Some(definition)) => stated_crs(definition)?,
         (Some(crs), None) => crs.clone(),
         (Some(own), Some(_)) => {
             return Err(Failure::from_text(2, format!("{} is in {own}: leave --crs out", args.input.display())));
@@ -123,6 +127,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
             return Err(Failure::from_text(3, format!("{name} states no CRS\nhint: name it with --crs EPSG:…")));
         }
     };
+    file.check_units(&crs).map_err(|e| Failure::new(3, &e))?;
     let lineage = lineage(args, &crs, file.lineage())?;
     let survey = Survey::default();
     let model = CityModel { records: &file, crs: &crs, lineage: &lineage, issues: &[], survey: &survey };
@@ -139,12 +144,22 @@ pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
     Ok(0)
 }
 
+/// A CRS of the command line, in which buildings have positions.
+fn stated_crs(definition: &str) -> Result<Crs, Failure> {
+    let crs = Crs::parse(definition).map_err(|e| Failure::new(2, &e))?;
+    if crs.is_vertical() {
+        let text = format!("--crs {definition}: it is a system of heights, and says nothing of positions");
+        return Err(Failure::from_text(2, format!("{text}\nhint: name both, as in EPSG:28992+5709")));
+    }
+    Ok(crs)
+}
+
 /// A layer beside the buildings, as GeoJSON.
 fn export_layer(args: &ExportArgs, format: ExportFormat, layer: &str, global: &Global) -> Result<u8, Failure> {
     if format != ExportFormat::GeoJson {
         return Err(Failure::from_text(2, "--layer writes GeoJSON\nhint: name a file that ends with .geojson"));
     }
-    let stated = args.crs.as_deref().map(Crs::parse).transpose().map_err(|e| Failure::new(2, &e))?;
+    let stated = args.crs.as_deref().map(stated_crs).transpose()?;
     let n_features = geojson::write_layer(&args.output, &args.input, layer, stated.as_ref())
         .map_err(|e| Failure::new(exit_code(&e), &e))?;
     Ui::new(global).say(format!("{} of {layer} in {}", counted(n_features, "feature"), args.output.display()));

@@ -8,6 +8,7 @@ use serde::Serialize;
 use super::ui::warn_of_unfinished;
 use super::{Failure, Global, print, print_json};
 use sizeup_geo::unfinished::told_of;
+use sizeup_results::output::read::{CITYJSON_RESULTS, result_file};
 use sizeup_results::output::validate::schema::{self, SchemaCheck, SchemaFault};
 use sizeup_results::output::validate::{Fault, ValidateConfig, Validation, validate_file};
 
@@ -27,7 +28,7 @@ const EXIT_INVALID: u8 = 3;
 
 Exit code 0: no fault. 3: faults, or the file cannot be read.")]
 pub struct ValidateArgs {
-    /// CityJSON 1.0, 1.1, 2.0, or CityJSONSeq (.jsonl).
+    /// CityJSON 1.0, 1.1, 2.0, or CityJSONSeq (.jsonl); or the folder of a result.
     pub file: PathBuf,
     /// Check the solids only, not the form: schema, references, indices, semantics (by cjval).
     #[arg(long)]
@@ -47,6 +48,8 @@ pub(super) fn run(args: &ValidateArgs, global: &Global) -> Result<u8, Failure> {
     if !(args.snap_tolerance > 0.0 && args.planarity_distance > 0.0) {
         return Err(Failure::from_text(2, "tolerances are lengths in metres, above 0"));
     }
+    let file = result_file(&args.file, CITYJSON_RESULTS).map_err(|e| Failure::new(3, &e))?;
+    let args = &ValidateArgs { file, ..args.clone() };
     warn_of_unfinished(&args.file, global);
     let form = if args.no_schema { None } else { Some(check_form(args)?) };
     let n_printed = if args.all { usize::MAX } else { N_PRINTED };

@@ -7,7 +7,7 @@ use serde_json::{Map as JsonMap, Value};
 
 use super::{FootprintStage, PipelineError};
 use crate::config::RunConfig;
-use sizeup_footprints::Footprint;
+use sizeup_footprints::{Footprint, attribute};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::GroundLevel;
 use sizeup_heights::scene::HeightBounds;
@@ -157,7 +157,9 @@ pub fn check_fallback<'a>(
 ) -> Result<(), PipelineError> {
     let settings = &config.output.fallback;
     match (settings.source, &settings.attribute) {
-        (FallbackSource::Attribute, Some(name)) if !attributes.any(|of_one| of_one.contains_key(name)) => {
+        (FallbackSource::Attribute, Some(name))
+            if !attributes.any(|of_one| of_one.contains_key(name) || attribute(of_one, name).is_some()) =>
+        {
             Err(PipelineError::Settings {
                 table: "output.fallback",
                 message: format!("none of the footprints has an attribute {name:?}"),

@@ -6,15 +6,17 @@ use super::{FootprintStage, HeightStage};
 use crate::config::{FootprintPlace, RunConfig};
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::optimise::{FootprintShift, LayerShift, Reason, Roof, SolvedHeight, Terrace};
+use sizeup_heights::scene::HeightBounds;
 use sizeup_results::output::reviews::Reviews;
 use sizeup_results::output::{BuildingRecord, HeightReference, RoofShape, Status};
 use sizeup_results::output::{fallback, party_walls};
 use sizeup_survey::Survey;
 
 /// Every building of the input, footprints first, in the layer's order. What people decided counts for more than what was
-/// found; heights that are not known then come from the fallback, if one is chosen. Party walls are those between them.
+/// found; heights that are not known then come from the fallback, if one is chosen, within the bounds of heights. Party walls are
+/// those between them.
 pub(super) fn records(
-    config: &RunConfig,
+    (config, bounds): (&RunConfig, HeightBounds),
     survey: &Survey,
     footprints: &FootprintStage,
     heights: &HeightStage,
@@ -25,7 +27,7 @@ pub(super) fn records(
         records.iter_mut().for_each(move_to_photos);
     }
     reviews.apply(&mut records);
-    fallback::fill(&mut records, &config.output.fallback);
+    fallback::fill(&mut records, &config.output.fallback, bounds);
     party_walls::fill(&mut records);
     records
 }

@@ -211,7 +211,9 @@ pub fn refused_records(config: &RunConfig, refused: Vec<RefusedFootprint>) -> Ve
     let layer = FootprintLayer { refused, ..FootprintLayer::default() };
     let footprints = FootprintStage::of_layer(layer, Vec::new(), Vec::new());
     let heights = HeightStage::empty();
-    records(config, &Survey::default(), &footprints, &heights, &Reviews::default())
+    // Without a ground none of them takes a height.
+    let bounds = config.heights.bounds(0.0);
+    records((config, bounds), &Survey::default(), &footprints, &heights, &Reviews::default())
 }
 
 impl<'a> CityPart<'a> {
@@ -298,7 +300,7 @@ impl<'a> CityPart<'a> {
         issues.extend(footprints.issues.iter().cloned());
         issues.extend(view_issues(&self.survey, &heights));
         Ok(PartHeights {
-            records: records(self.config, &self.survey, &footprints, &heights, &self.reviews),
+            records: records((self.config, self.frame.bounds), &self.survey, &footprints, &heights, &self.reviews),
             issues,
             used_views: heights.solution.used_views.iter().map(|&v| self.survey.views[v].id.clone()).collect(),
             ground: ground.around(core),

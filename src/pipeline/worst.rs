@@ -4,7 +4,7 @@ use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
 use sizeup_geo::issue::{Issue, Severity, Subject};
-use sizeup_results::output::unmeasured::{OF_FALLBACK, in_words};
+use sizeup_results::output::unmeasured::{in_words, is_of_fallback};
 use sizeup_results::output::{BuildingRecord, Status};
 
 /// Weight of a height that is not there against one that is doubtful.
@@ -41,7 +41,7 @@ fn not_measured(records: &[BuildingRecord]) -> Option<String> {
     let weighs_more = WEIGHT_WITHOUT * without.len() >= doubtful.len();
     let (those, are) = if weighs_more { (without, "could not be measured") } else { (doubtful, "are doubtful") };
     let mut by_reason: BTreeMap<&str, usize> = BTreeMap::new();
-    for reason in those.iter().flat_map(|record| &record.reasons).filter(|r| !OF_FALLBACK.contains(&r.as_str())) {
+    for reason in those.iter().flat_map(|record| &record.reasons).filter(|r| !is_of_fallback(r)) {
         *by_reason.entry(reason).or_default() += 1;
     }
     let (reason, n) = by_reason.into_iter().min_by_key(|(_, n)| Reverse(*n))?;

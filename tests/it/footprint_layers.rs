@@ -268,6 +268,107 @@ fn heights_measures_and_curves_become_plain_footprints() {
     assert_fit_to_extrude(&layer);
 }
 
+/// A cube of 10 m over [`SQUARE_WKT`], all its faces.
+const CUBE_FACES: &str = "((100000 400000 5,100010 400000 5,100010 400010 5,100000 400010 5,100000 400000 5)),\
+    ((100000 400000 15,100010 400000 15,100010 400010 15,100000 400010 15,100000 400000 15)),\
+    ((100000 400000 5,100010 400000 5,100010 400000 15,100000 400000 15,100000 400000 5)),\
+    ((100010 400000 5,100010 400010 5,100010 400010 15,100010 400000 15,100010 400000 5)),\
+    ((100010 400010 5,100000 400010 5,100000 400010 15,100010 400010 15,100010 400010 5)),\
+    ((100000 400010 5,100000 400000 5,100000 400000 15,100000 400010 15,100000 400010 5))";
+
+#[test]
+fn faces_of_bodies_are_one_footprint_each_with_one_note_and_parts_stay_parts() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bodies.gpkg");
+    let shapes = [
+        format!("MULTIPOLYGON Z({CUBE_FACES})"),
+        format!("POLYHEDRALSURFACE Z({CUBE_FACES})"),
+        // Two houses of one owner, on ground that is not level.
+        "MULTIPOLYGON Z(((100050 400000 5,100060 400000 5,100060 400010 6,100050 400010 6,100050 400000 5)),\
+            ((100070 400000 7,100080 400000 7,100080 400010 8,100070 400010 8,100070 400000 7)))"
+            .to_owned(),
+    ];
+    write_ogr(&path, "GPKG", &["bodies"], Some(28992), &shapes.each_ref().map(String::as_str));
+    let config = FootprintConfig { overlap_warning_m2: f64::MAX, ..FootprintConfig::new(&path) };
+    let layer = read(&config, &crs("EPSG:28992")).unwrap();
+    assert_eq!(ids(&layer), ["1", "2", "3#1", "3#2"]);
+    assert!(layer.footprints.iter().all(|f| (f.polygon.unsigned_area() - 100.0).abs() < 1e-6), "{layer:?}");
+    assert_eq!((codes(&layer), layer.refused.len()), (vec!["footprints_of_bodies", "footprint_split"], 0));
+    assert_fit_to_extrude(&layer);
+
+    // As GeoJSON, which is read without GDAL.
+    let faces = CUBE_FACES.split(")),").map(|face| {
+        let corners = face.trim_matches(['(', ')', ' ']).split(',');
+        format!("[[{}]]", corners.map(|c| format!("[{}]", c.replace(' ', ","))).collect::<Vec<_>>().join(","))
+    });
+    let body = format!(r#"{{"type":"MultiPolygon","coordinates":[{}]}}"#, faces.collect::<Vec<_>>().join(","));
+    let layer = read_geojson(&[("\"a\"", &body)]);
+    assert_eq!((ids(&layer), codes(&layer)), (vec!["a"], vec!["footprints_of_bodies"]));
+    assert!((layer.footprints[0].polygon.unsigned_area() - 100.0).abs() < 1e-6);
+}
+
+#[test]
+fn ids_of_a_column_of_reals_are_whole_numbers_where_they_are() {
+    let squares: Vec<String> = (0..4).map(|i| square(20.0 * f64::from(i))).collect();
+    let ids_of = ["1000000000001.0", "12.5", "1e17", "7"];
+    let layer = read_geojson(&std::array::from_fn::<_, 4, _>(|i| (ids_of[i], squares[i].as_str())));
+    assert_eq!(ids(&layer), ["1000000000001", "12.5", "100000000000000000", "7"]);
+}
+
+#[test]
+fn letters_of_a_shapefile_that_states_no_encoding_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.shp");
+    {
+        let mut dataset =
+            DriverManager::get_driver_by_name("ESRI Shapefile").unwrap().create_vector_only(&path).unwrap();
+        let srs = SpatialRef::from_epsg(28992).unwrap();
+        let options =
+            LayerOptions { name: "a", srs: Some(&srs), ty: OGRwkbGeometryType::wkbPolygon, ..Default::default() };
+        let layer = dataset.create_layer(options).unwrap();
+        layer.create_defn_fields(&[("street", OGRFieldType::OFTString)]).unwrap();
+        let mut feature = gdal::vector::Feature::new(layer.defn()).unwrap();
+        feature.set_geometry(Geometry::from_wkt(SQUARE_WKT).unwrap()).unwrap();
+        feature.set_field_string(0, "Strasse 1").unwrap();
+        feature.create(&layer).unwrap();
+    }
+    let _ = std::fs::remove_file(path.with_extension("cpg"));
+    let table = path.with_extension("dbf");
+    let plain = std::fs::read(&table).unwrap();
+    let at = plain.windows(7).position(|bytes| bytes == b"Strasse").unwrap();
+    let street = |letters: &[u8]| {
+        let mut bytes = plain.clone();
+        bytes[29] = 0;
+        bytes[at..at + 7].copy_from_slice(letters);
+        std::fs::write(&table, bytes).unwrap();
+        read(&FootprintConfig::new(&path), &crs("EPSG:28992")).unwrap().footprints[0].attributes["street"].clone()
+    };
+    assert_eq!(street(b"Stra\xdfe "), "Stra\u{df}e  1", "ISO-8859-1");
+    assert_eq!(street("Stra\u{df}e".as_bytes()), "Stra\u{df}e 1", "UTF-8");
+    assert_eq!(street(b"Strasse"), "Strasse 1");
+}
+
+#[test]
+fn tags_of_openstreetmap_that_have_no_column_are_attributes_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let node = |i: usize, lat: f64, lon: f64| format!(r#"<node id="{}" version="1" lat="{lat}" lon="{lon}"/>"#, i + 1);
+    let corners = [(52.0, 5.0), (52.0, 5.001), (52.001, 5.001), (52.001, 5.0)];
+    let nodes: String = corners.iter().enumerate().map(|(i, (lat, lon))| node(i, *lat, *lon)).collect();
+    let refs: String = [1, 2, 3, 4, 1].map(|id| format!(r#"<nd ref="{id}"/>"#)).concat();
+    let tags: String = [("building", "yes"), ("height", "12 m"), ("building:levels", "3;4")]
+        .map(|(key, value)| format!(r#"<tag k="{key}" v="{value}"/>"#))
+        .concat();
+    let osm = format!(r#"<osm version="0.6">{nodes}<way id="9" version="1">{refs}{tags}</way></osm>"#);
+    let layer = read(&FootprintConfig::new(write(folder.path(), "a.osm", &osm)), &crs("EPSG:28992")).unwrap();
+    assert_eq!(ids(&layer), ["way/9"]);
+    let attribute = |name: &str| {
+        sizeup::footprint::attribute(&layer.footprints[0].attributes, name).map(|value| value.as_ref().clone())
+    };
+    assert_eq!(attribute("height"), Some("12 m".into()));
+    assert_eq!(attribute("building:levels"), Some("3;4".into()));
+    assert_eq!((attribute("building"), attribute("roof:shape")), (Some("yes".into()), None));
+}
+
 #[test]
 fn alexandria_in_degrees_lands_on_its_terrain_in_metres() {
     let Some(folder) = shared_data("alexandria_terrain") else { return };

@@ -7,6 +7,7 @@ mod annexes;
 mod batch;
 mod benchmark;
 mod changes;
+mod cityjson_of_others;
 mod cli;
 mod consumers;
 mod crash_safety;

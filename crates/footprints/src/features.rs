@@ -1,6 +1,7 @@
 //! From a feature of a layer to footprints, or to a refusal that says why.
 
 use std::collections::{BTreeMap, HashSet};
+use std::path::Path;
 
 use geo::BoundingRect as _;
 use geo_types::{Coord, Geometry, Polygon};
@@ -9,7 +10,7 @@ use serde_json::Value;
 use super::clean::{self, CleaningRules, Defect, Repair};
 use super::{Footprint, FootprintConfig, FootprintLayer, RefusedFootprint, osm};
 use sizeup_geo::crs::{CrsError, Transform};
-use sizeup_geo::geodata::vector::{Feature, FeatureGeometry};
+use sizeup_geo::geodata::vector::{Feature, FeatureGeometry, plain_text};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::ids::BuildingId;
 
@@ -36,6 +37,8 @@ pub(super) struct FeatureReader<'a> {
     given: Option<&'a BTreeMap<u64, String>>,
     /// The same, as this reading finds them.
     renamed: BTreeMap<u64, String>,
+    /// File of the layer, until it is told that its features are bodies.
+    untold_of_bodies: Option<&'a Path>,
 }
 
 impl<'a> FeatureReader<'a> {
@@ -52,6 +55,7 @@ impl<'a> FeatureReader<'a> {
             layer: FootprintLayer::default(),
             given: None,
             renamed: BTreeMap::new(),
+            untold_of_bodies: Some(&config.path),
         }
     }
 
@@ -77,6 +81,17 @@ impl<'a> FeatureReader<'a> {
     /// The feature at this position of the layer.
     pub(super) fn add(&mut self, position: usize, feature: &Feature) {
         let id = self.id(position, feature);
+        if let Some(path) = self.untold_of_bodies.take_if(|_| feature.is_body) {
+            self.layer.issues.push(Issue::new(
+                Severity::Note,
+                "footprints_of_bodies",
+                Subject::Input(path.display().to_string()),
+                format!(
+                    "its features are bodies with walls, roofs or floors, {id} the first: footprints are their outlines in plan, \
+                     and walls are left out"
+                ),
+            ));
+        }
         let refusal = match &feature.geometry {
             FeatureGeometry::Missing => PartRefusal::new("footprint_without_geometry", "it has no geometry"),
             FeatureGeometry::Unsupported(kind) => PartRefusal::new(
@@ -109,9 +124,8 @@ impl<'a> FeatureReader<'a> {
             Ids::Numbers => None,
             Ids::OpenStreetMap => Some(osm::id_of(feature)),
             Ids::Field(field) => Some(match feature.attributes.get(field) {
-                Some(Value::String(text)) => text.trim().to_owned(),
                 Some(Value::Null) | None => String::new(),
-                Some(value) => value.to_string(),
+                Some(value) => plain_text(value).trim().to_owned(),
             }),
         }
     }

@@ -52,7 +52,7 @@ pub use detect::{
 pub use georeference::InputAccuracy;
 pub use layer::{FootprintConfig, FootprintError, read};
 pub use masks::{MaskConfig, MaskFiles, MaskKind};
-pub use osm::{is_osm, open_layer};
+pub use osm::{attribute, is_osm, open_layer};
 pub use overlap::overlaps;
 pub use parts::LayerParts;
 pub use plain::{plain_config, unpack, write_plain};

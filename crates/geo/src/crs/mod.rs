@@ -181,6 +181,15 @@ impl Crs {
         self.json["name"].as_str().unwrap_or(&self.definition)
     }
 
+    /// The same by its own code, where it is written as two codes and EPSG has one for both: other programs know it by that.
+    #[must_use]
+    pub fn registered(self) -> Self {
+        let code = if self.epsg().is_none() { Self::epsg_of_name(self.name()) } else { None };
+        let own = code.and_then(|code| Self::parse(&format!("EPSG:{code}")).ok());
+        let parts = |crs: &Self| (crs.horizontal_epsg(), crs.vertical_epsg());
+        own.filter(|own| parts(own) == parts(&self)).unwrap_or(self)
+    }
+
     /// EPSG code (a compound's own code, where one exists).
     #[must_use]
     pub fn epsg(&self) -> Option<u32> {
@@ -249,6 +258,12 @@ impl Crs {
     pub fn plane_unit_m(&self) -> Option<f64> {
         let axis = self.axes().first().filter(|_| !self.is_geographic())?;
         if axis["unit"] == "metre" { Some(1.0) } else { axis["unit"]["conversion_factor"].as_f64() }
+    }
+
+    /// Whether it is a system of heights alone, in which nothing has a position.
+    #[must_use]
+    pub fn is_vertical(&self) -> bool {
+        self.json["type"] == "VerticalCRS"
     }
 
     /// EPSG code of the vertical part of a compound CRS, or of a vertical CRS itself.
@@ -459,6 +474,12 @@ mod tests {
         assert_eq!(crs.height_unit_m(), Some(1.0));
         let levels = Crs::parse("EPSG:5709").unwrap();
         assert_eq!((levels.horizontal_epsg(), levels.vertical_epsg()), (None, Some(5709)));
+        assert_eq!(Crs::parse("EPSG:28992+5709").unwrap().registered().epsg(), Some(7415));
+        assert_eq!(
+            Crs::parse("EPSG:28992+5773").unwrap().registered().definition(),
+            "EPSG:28992+5773",
+            "without a code"
+        );
         // Long Island in US survey feet, heights likewise; without its vertical part nothing is said of heights.
         let feet = Crs::parse("EPSG:2263+6360").unwrap().height_unit_m().unwrap();
         assert!((feet - 1200.0 / 3937.0).abs() < 1e-12, "{feet}");

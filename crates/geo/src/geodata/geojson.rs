@@ -6,6 +6,7 @@ use std::path::Path;
 
 pub use geojson::{Feature, FeatureCollection, Geometry, GeometryValue, JsonObject, Position};
 
+use super::antimeridian;
 use crate::crs::{Crs, CrsError, Transform};
 use crate::files::{FileError, write_whole_or};
 
@@ -16,7 +17,7 @@ const HEIGHT_DECIMALS: f64 = 1e4;
 
 /// Which way a ring runs, seen from above.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Winding {
+enum Winding {
     /// Winding of outer rings.
     Counterclockwise,
     /// Winding of holes.
@@ -48,36 +49,56 @@ impl LonLat {
     /// # Errors
     /// [`CrsError`] outside of the CRS.
     pub fn position(&self, place: &[f64]) -> Result<Position, CrsError> {
-        let rounded = |value: f64, decimals: f64| (value * decimals).round() / decimals;
         let (lon_deg, lat_deg) = self.0.point(place[0], place[1])?;
-        let (lon_deg, lat_deg) = (rounded(lon_deg, DEGREE_DECIMALS), rounded(lat_deg, DEGREE_DECIMALS));
         Ok(match place.get(2) {
-            Some(z_m) => Position::from(vec![lon_deg, lat_deg, rounded(*z_m, HEIGHT_DECIMALS)]),
-            None => Position::from([lon_deg, lat_deg]),
+            Some(z_m) => rounded(&Position::from([lon_deg, lat_deg, *z_m])),
+            None => rounded(&Position::from([lon_deg, lat_deg])),
         })
     }
 
-    /// Places one after the other.
+    /// Places one after the other, as a line; cut at 180°, as the standard wants it.
     ///
     /// # Errors
     /// [`CrsError`] outside of the CRS.
-    pub fn line<P: AsRef<[f64]>>(&self, places: impl IntoIterator<Item = P>) -> Result<Vec<Position>, CrsError> {
+    pub fn line<P: AsRef<[f64]>>(&self, places: impl IntoIterator<Item = P>) -> Result<GeometryValue, CrsError> {
+        let mut line = self.positions(places)?;
+        let near_deg = line.first().map_or(0.0, |at| at[0]);
+        antimeridian::run_on(&mut line, near_deg);
+        let mut pieces = antimeridian::cut_line(line).into_iter().map(|piece| piece.iter().map(rounded).collect());
+        Ok(match (pieces.next(), pieces.next()) {
+            (Some(first), Some(second)) => {
+                let coordinates = [first, second].into_iter().chain(pieces).collect();
+                GeometryValue::MultiLineString { coordinates }
+            }
+            (only, _) => GeometryValue::LineString { coordinates: only.unwrap_or_default() },
+        })
+    }
+
+    /// A polygon without holes by its ring, which need not be closed; cut at 180°, as the standard wants it.
+    ///
+    /// # Errors
+    /// [`CrsError`] outside of the CRS.
+    pub fn area<P: AsRef<[f64]>>(&self, places: impl IntoIterator<Item = P>) -> Result<GeometryValue, CrsError> {
+        Ok(of_parts(cut(vec![self.ring(places, Winding::Counterclockwise, None)?])))
+    }
+
+    fn positions<P: AsRef<[f64]>>(&self, places: impl IntoIterator<Item = P>) -> Result<Vec<Position>, CrsError> {
         places.into_iter().map(|place| self.position(place.as_ref())).collect()
     }
 
-    /// A ring, closed, that runs as the standard wants it.
-    ///
-    /// # Errors
-    /// [`CrsError`] outside of the CRS.
-    pub fn ring<P: AsRef<[f64]>>(
+    /// A ring, closed, that runs as the standard wants it. Its longitudes run on across 180°, and begin near one that is given.
+    fn ring<P: AsRef<[f64]>>(
         &self,
         places: impl IntoIterator<Item = P>,
         winding: Winding,
+        near_deg: Option<f64>,
     ) -> Result<Vec<Position>, CrsError> {
-        let mut ring = self.line(places)?;
+        let mut ring = self.positions(places)?;
         if ring.first() != ring.last() {
             ring.extend(ring.first().cloned());
         }
+        let own_deg = ring.first().map_or(0.0, |at| at[0]);
+        antimeridian::run_on(&mut ring, near_deg.unwrap_or(own_deg));
         let corner = |i: usize| [ring[i][0] - ring[0][0], ring[i][1] - ring[0][1]];
         let twice_area: f64 = (1..ring.len())
             .map(|i| {
@@ -100,16 +121,11 @@ impl LonLat {
         let part = |part: &Shape<f64>| self.geometry(part).map(Geometry::from);
         Ok(match shape {
             Shape::Point(point) => GeometryValue::Point { coordinates: self.position(&[point.x(), point.y()])? },
-            Shape::LineString(line) => {
-                GeometryValue::LineString { coordinates: self.line(line.coords().map(|c| [c.x, c.y]))? }
-            }
+            Shape::LineString(line) => self.line(line.coords().map(|c| [c.x, c.y]))?,
             Shape::Polygon(polygon) => self.polygon(polygon)?,
             Shape::MultiPolygon(parts) => {
-                let rings = parts.iter().map(|part| match self.polygon(part)? {
-                    GeometryValue::Polygon { coordinates } => Ok(coordinates),
-                    _ => Ok(Vec::new()),
-                });
-                GeometryValue::MultiPolygon { coordinates: rings.collect::<Result<_, CrsError>>()? }
+                let parts = parts.iter().map(|part| self.parts(part)).collect::<Result<Vec<_>, CrsError>>()?;
+                GeometryValue::MultiPolygon { coordinates: parts.into_iter().flatten().collect() }
             }
             Shape::GeometryCollection(parts) => {
                 GeometryValue::GeometryCollection { geometries: parts.iter().map(part).collect::<Result<_, _>>()? }
@@ -119,15 +135,47 @@ impl LonLat {
         })
     }
 
-    /// A polygon of the map.
+    /// A polygon of the map; cut at 180°, as the standard wants it.
     ///
     /// # Errors
     /// [`CrsError`] outside of the CRS.
     pub fn polygon(&self, polygon: &geo_types::Polygon<f64>) -> Result<GeometryValue, CrsError> {
-        let ring = |ring: &geo_types::LineString<f64>, winding| self.ring(ring.coords().map(|c| [c.x, c.y]), winding);
-        let outer = std::iter::once(ring(polygon.exterior(), Winding::Counterclockwise));
-        let holes = polygon.interiors().iter().map(|hole| ring(hole, Winding::Clockwise));
-        Ok(GeometryValue::Polygon { coordinates: outer.chain(holes).collect::<Result<_, _>>()? })
+        Ok(of_parts(self.parts(polygon)?))
+    }
+
+    /// The polygons that one of the map becomes, each its rings.
+    fn parts(&self, polygon: &geo_types::Polygon<f64>) -> Result<Vec<Vec<Vec<Position>>>, CrsError> {
+        let ring = |ring: &geo_types::LineString<f64>, winding, near_deg| {
+            self.ring(ring.coords().map(|c| [c.x, c.y]), winding, near_deg)
+        };
+        let outer = ring(polygon.exterior(), Winding::Counterclockwise, None)?;
+        let near_deg = outer.first().map(|at| at[0]);
+        let holes = polygon.interiors().iter().map(|hole| ring(hole, Winding::Clockwise, near_deg));
+        let rings = std::iter::once(Ok(outer)).chain(holes).collect::<Result<_, CrsError>>()?;
+        Ok(cut(rings))
+    }
+}
+
+/// Without digits that nobody needs.
+fn rounded(at: &Position) -> Position {
+    let to = |value: f64, decimals: f64| (value * decimals).round() / decimals;
+    let (lon_deg, lat_deg) = (to(at[0], DEGREE_DECIMALS), to(at[1], DEGREE_DECIMALS));
+    match at.as_slice().get(2) {
+        Some(z_m) => Position::from([lon_deg, lat_deg, to(*z_m, HEIGHT_DECIMALS)]),
+        None => Position::from([lon_deg, lat_deg]),
+    }
+}
+
+/// A polygon whose longitudes run on, cut at 180°.
+fn cut(rings: Vec<Vec<Position>>) -> Vec<Vec<Vec<Position>>> {
+    let part = |part: Vec<Vec<Position>>| part.iter().map(|ring| ring.iter().map(rounded).collect()).collect();
+    antimeridian::cut_polygon(rings).into_iter().map(part).collect()
+}
+
+fn of_parts(mut parts: Vec<Vec<Vec<Position>>>) -> GeometryValue {
+    match (parts.pop(), parts.is_empty()) {
+        (Some(only), true) => GeometryValue::Polygon { coordinates: only },
+        (last, _) => GeometryValue::MultiPolygon { coordinates: parts.into_iter().chain(last).collect() },
     }
 }
 
@@ -183,6 +231,33 @@ mod tests {
             ring.windows(2).map(|pair| (pair[0][0] - 9.0) * pair[1][1] - (pair[1][0] - 9.0) * pair[0][1]).sum()
         };
         assert!(twice_area(&coordinates[0]) > 0.0 && twice_area(&coordinates[1]) < 0.0);
+    }
+
+    #[test]
+    fn a_building_across_180_is_two_polygons_that_meet_there() {
+        // Pacific Mercator around 150° E: half the circumference of the ellipsoid at 30° of longitude from it is 180°.
+        let lonlat = LonLat::wgs84(&Crs::parse("EPSG:3832").unwrap()).unwrap();
+        let x = 6_378_137.0 * 30_f64.to_radians();
+        let house = polygon![(x: x - 5.0, y: 0.0), (x: x + 5.0, y: 0.0), (x: x + 5.0, y: 8.0), (x: x - 5.0, y: 8.0)];
+        let GeometryValue::MultiPolygon { coordinates } = lonlat.polygon(&house).unwrap() else { panic!() };
+        let limits = |part: &Vec<Vec<Position>>| {
+            part[0].iter().fold((f64::MAX, f64::MIN), |(low, high), at| (low.min(at[0]), high.max(at[0])))
+        };
+        let [west, east] = [limits(&coordinates[0]), limits(&coordinates[1])];
+        assert_eq!((coordinates.len(), west.1, east.0), (2, 180.0, -180.0));
+        assert!(west.0 > 179.9999 && east.1 < -179.9999, "{west:?} {east:?}");
+        let twice_area = |ring: &Vec<Position>| -> f64 {
+            ring.windows(2)
+                .map(|pair| {
+                    (pair[0][0] - ring[0][0]) * (pair[1][1] - ring[0][1])
+                        - (pair[1][0] - ring[0][0]) * (pair[0][1] - ring[0][1])
+                })
+                .sum()
+        };
+        assert!(coordinates.iter().all(|part| twice_area(&part[0]) > 0.0), "counter-clockwise");
+        let way = [[x - 5.0, 0.0, 3.0], [x + 5.0, 0.0, 3.0]];
+        assert!(matches!(lonlat.line(way).unwrap(), GeometryValue::MultiLineString { .. }));
+        assert!(matches!(lonlat.line([[x - 5.0, 0.0], [x - 4.0, 0.0]]).unwrap(), GeometryValue::LineString { .. }));
     }
 
     #[test]

@@ -22,6 +22,7 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 use serde_json::{Map as JsonMap, Value};
 
+use super::body::{self, Face};
 use super::vector::{Feature, FeatureGeometry};
 use crate::crs::Crs;
 use crate::files::is_virtual;
@@ -245,8 +246,14 @@ impl CollectionColumns {
         let mut value =
             |(name, kind): &(String, ValueKind)| (name.clone(), kind.value(own.remove(name).unwrap_or_default()));
         let attributes: JsonMap<String, Value> = self.0.iter().map(&mut value).collect();
-        let shape = feature.geometry.and_then(|geometry| shape(&geometry.value));
-        Feature { fid: Some(fid), geometry: shape.map_or(FeatureGeometry::Missing, FeatureGeometry::Shape), attributes }
+        let outline = feature.geometry.as_ref().and_then(|geometry| outline_of_body(&geometry.value));
+        let is_body = outline.is_some();
+        let shape = match outline {
+            Some(outline) => Some(outline.into()),
+            None => feature.geometry.and_then(|geometry| shape(&geometry.value)),
+        };
+        let geometry = shape.map_or(FeatureGeometry::Missing, FeatureGeometry::Shape);
+        Feature { fid: Some(fid), geometry, is_body, attributes }
     }
 }
 
@@ -264,6 +271,37 @@ fn has_heights(geometry: &GeometryValue) -> bool {
         }
         GeometryValue::MultiPolygon { coordinates } => coordinates.iter().flatten().any(of_line),
         GeometryValue::GeometryCollection { geometries } => geometries.iter().any(|part| has_heights(&part.value)),
+    }
+}
+
+/// The outline in plan of a body; `None` for anything else.
+fn outline_of_body(geometry: &GeometryValue) -> Option<MultiPolygon<f64>> {
+    if !has_heights(geometry) {
+        return None;
+    }
+    match geometry {
+        GeometryValue::MultiPolygon { .. } | GeometryValue::GeometryCollection { .. } => {
+            body::outline(&faces(geometry)?)
+        }
+        _ => None,
+    }
+}
+
+/// All faces of a geometry, however they are grouped; `None` where there is anything else in it.
+fn faces(geometry: &GeometryValue) -> Option<Vec<Face>> {
+    let face = |rings: &Vec<Vec<Position>>| {
+        // GDAL gives places without a height the height 0.
+        let heights = rings.first()?.iter().map(|at| at.as_slice().get(2).copied().unwrap_or(0.0));
+        Some(Face::new(&polygon(rings)?, heights))
+    };
+    match geometry {
+        GeometryValue::Polygon { coordinates } => Some(face(coordinates).into_iter().collect()),
+        GeometryValue::MultiPolygon { coordinates } => Some(coordinates.iter().filter_map(face).collect()),
+        GeometryValue::GeometryCollection { geometries } => {
+            let parts = geometries.iter().map(|part| faces(&part.value)).collect::<Option<Vec<_>>>()?;
+            Some(parts.into_iter().flatten().collect())
+        }
+        _ => None,
     }
 }
 

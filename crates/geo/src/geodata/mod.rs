@@ -13,6 +13,8 @@ pub mod source;
 pub mod vector;
 pub mod view_layers;
 
+mod antimeridian;
+mod body;
 mod curve;
 mod geojson_layer;
 mod geotiff;

@@ -119,6 +119,11 @@ pub(super) enum OpenError {
 
 /// Opens a file for reading.
 pub(super) fn open(path: &Path, kind: DatasetKind) -> Result<Dataset, OpenError> {
+    open_with(path, kind, &[])
+}
+
+/// As [`open`], with options of the file's driver.
+pub(super) fn open_with(path: &Path, kind: DatasetKind, options: &[&str]) -> Result<Dataset, OpenError> {
     crate::gdal_log::route_messages();
     shut_doors();
     may_be_asked(path).map_err(OpenError::Refused)?;
@@ -132,7 +137,9 @@ pub(super) fn open(path: &Path, kind: DatasetKind) -> Result<Dataset, OpenError>
         DatasetKind::Raster => GdalOpenFlags::GDAL_OF_RASTER,
         DatasetKind::Vector => GdalOpenFlags::GDAL_OF_VECTOR,
     } | GdalOpenFlags::GDAL_OF_VERBOSE_ERROR;
-    let options = DatasetOptions { open_flags, allowed_drivers: Some(&drivers), ..DatasetOptions::default() };
+    let open_options = (!options.is_empty()).then_some(options);
+    let options =
+        DatasetOptions { open_flags, allowed_drivers: Some(&drivers), open_options, ..DatasetOptions::default() };
     Dataset::open_ex(path, options).map_err(OpenError::Gdal)
 }
 

@@ -3,11 +3,13 @@
 
 use std::path::{Path, PathBuf};
 
+use gdal::Metadata as _;
 use gdal::errors::GdalError;
 use gdal::vector::{FieldValue, Geometry, LayerAccess, OGRFieldType, OGRwkbGeometryType as Kind, OwnedLayer};
 use geo_types::{Coord, LineString, MultiPolygon, Point, Polygon};
 use serde_json::{Map as JsonMap, Value};
 
+use super::body::{self, Face};
 use super::geojson_layer::GeoJsonLayer;
 use super::open::{self, DatasetKind as Open, OpenError, Refusal};
 use crate::crs::{Crs, CrsError};
@@ -63,8 +65,11 @@ pub enum VectorError {
 pub struct Feature {
     /// The layer's own number for it, where it has one.
     pub fid: Option<u64>,
-    /// Shape in the layer's CRS, x before y; Z and M dropped, arcs as chains of lines of at most 4° each.
+    /// Shape in the layer's CRS, x before y; Z and M dropped, arcs as chains of lines of at most 4° each, the faces of a body
+    /// as its outline in plan.
     pub geometry: FeatureGeometry,
+    /// Whether its shape is the outline of a body with walls, roofs or a floor.
+    pub is_body: bool,
     /// Attributes, in the layer's order.
     pub attributes: JsonMap<String, Value>,
 }
@@ -82,6 +87,13 @@ pub enum FeatureGeometry {
 
 /// GDAL's driver of OpenStreetMap files, whose layers are views of one stream of features.
 const OSM: &str = "OSM";
+/// GDAL's driver of Shapefiles, whose text may be in any encoding.
+const SHAPEFILE: &str = "ESRI Shapefile";
+/// Where GDAL says in which encoding a Shapefile's text is.
+const SHAPEFILE_METADATA: &str = "SHAPEFILE";
+/// Encoding of a Shapefile that states none (no `.cpg`, language 0 in the `.dbf`) and is not UTF-8, as QGIS and GDAL's other
+/// bindings take it.
+const UNSTATED_ENCODING: &str = "ENCODING=ISO-8859-1";
 
 /// A layer of a file, before it is opened.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -110,10 +122,14 @@ pub fn layers_of(path: &Path) -> Result<Vec<LayerInfo>, VectorError> {
 }
 
 fn open_dataset(path: &Path) -> Result<gdal::Dataset, VectorError> {
+    open_dataset_with(path, &[])
+}
+
+fn open_dataset_with(path: &Path, options: &[&str]) -> Result<gdal::Dataset, VectorError> {
     if !crate::files::is_virtual(path) && !path.exists() {
         return Err(VectorError::Absent { path: path.to_owned() });
     }
-    open::open(path, Open::Vector).map_err(|fault| match fault {
+    open::open_with(path, Open::Vector, options).map_err(|fault| match fault {
         OpenError::Refused(refusal) => refusal.into(),
         OpenError::Gdal(source) => VectorError::Open { path: path.to_owned(), source },
     })
@@ -126,11 +142,14 @@ pub struct VectorLayer {
     path: PathBuf,
 }
 
+/// Names and kinds of a layer's attributes.
+type FieldKinds = Vec<(String, OGRFieldType::Type)>;
+
 /// Who reads the layer.
 #[derive(Debug)]
 enum LayerReader {
     /// GDAL, with the attributes' names and kinds.
-    Gdal { layer: OwnedLayer, fields: Vec<(String, OGRFieldType::Type)> },
+    Gdal { layer: OwnedLayer, fields: FieldKinds },
     /// GeoJSON, which is read without GDAL.
     GeoJson(GeoJsonLayer),
 }
@@ -180,9 +199,17 @@ impl VectorLayer {
         if is_osm {
             silence(&dataset, chosen.0);
         }
-        let layer =
-            dataset.into_layer(chosen.0).map_err(|source| VectorError::Open { path: path.to_owned(), source })?;
-        let fields = layer.defn().fields().map(|field| (field.name(), field.field_type())).collect();
+        let is_shapefile = dataset.driver().short_name() == SHAPEFILE;
+        let failed = |source| VectorError::Open { path: path.to_owned(), source };
+        let mut layer = dataset.into_layer(chosen.0).map_err(failed)?;
+        let fields_of = |layer: &OwnedLayer| -> FieldKinds {
+            layer.defn().fields().map(|field| (field.name(), field.field_type())).collect()
+        };
+        let mut fields = fields_of(&layer);
+        if is_shapefile && states_no_encoding(&layer) && !is_utf8(&mut layer, &fields) {
+            layer = open_dataset_with(path, &[UNSTATED_ENCODING])?.into_layer(chosen.0).map_err(failed)?;
+            fields = fields_of(&layer);
+        }
         Ok(Self { source: LayerReader::Gdal { layer, fields }, path: path.to_owned() })
     }
 
@@ -265,10 +292,18 @@ impl VectorLayer {
     /// All features, in the layer's order.
     pub fn features(&mut self) -> Box<dyn Iterator<Item = Feature> + '_> {
         match &mut self.source {
-            LayerReader::Gdal { layer, fields } => Box::new(layer.features().map(|feature| Feature {
-                fid: feature.fid(),
-                geometry: feature.geometry().map_or(FeatureGeometry::Missing, shape_of_feature),
-                attributes: attributes(&feature, fields),
+            LayerReader::Gdal { layer, fields } => Box::new(layer.features().map(|feature| {
+                let (fid, attributes) = (feature.fid(), attributes(&feature, fields));
+                match feature.geometry().and_then(outline_of_body) {
+                    Some(outline) => {
+                        let geometry = FeatureGeometry::Shape(outline.into());
+                        Feature { fid, geometry, is_body: true, attributes }
+                    }
+                    None => {
+                        let geometry = feature.geometry().map_or(FeatureGeometry::Missing, shape_of_feature);
+                        Feature { fid, geometry, is_body: false, attributes }
+                    }
+                }
             })),
             LayerReader::GeoJson(own) => Box::new(own.features()),
         }
@@ -283,6 +318,27 @@ fn silence(dataset: &gdal::Dataset, chosen: usize) {
         // A layer that does not know the attribute is read as a whole, as without this.
         let _ = layer.set_attribute_filter(NOTHING);
     }
+}
+
+fn states_no_encoding(layer: &OwnedLayer) -> bool {
+    layer.metadata_item("SOURCE_ENCODING", SHAPEFILE_METADATA).is_none_or(|encoding| encoding.is_empty())
+}
+
+/// Whether most texts of a layer with letters beyond ASCII are UTF-8. Not all: a text that was cut to the width of its column
+/// may end within a letter. Text in other encodings is hardly ever UTF-8 by chance.
+fn is_utf8(layer: &mut OwnedLayer, fields: &[(String, OGRFieldType::Type)]) -> bool {
+    let texts: Vec<usize> = (0..fields.len()).filter(|&i| fields[i].1 == OGRFieldType::OFTString).collect();
+    let (mut n_sound, mut n_broken) = (0_usize, 0_usize);
+    let mut count = |text: &str| {
+        let is_broken = text.contains(char::REPLACEMENT_CHARACTER);
+        n_broken += usize::from(is_broken);
+        n_sound += usize::from(!is_broken && !text.is_ascii());
+    };
+    fields.iter().for_each(|(name, _)| count(name));
+    for feature in layer.features() {
+        texts.iter().filter_map(|&i| feature.field_as_string(i).ok().flatten()).for_each(|text| count(&text));
+    }
+    n_sound >= n_broken
 }
 
 fn attributes(feature: &gdal::vector::Feature<'_>, fields: &[(String, OGRFieldType::Type)]) -> JsonMap<String, Value> {
@@ -303,6 +359,18 @@ fn attributes(feature: &gdal::vector::Feature<'_>, fields: &[(String, OGRFieldTy
     fields.iter().enumerate().map(value).collect()
 }
 
+/// An attribute as an id or a key: text as it stands, numbers in plain digits, so that the whole numbers of a column of reals have no
+/// `.0` and no exponent.
+#[must_use]
+pub fn plain_text(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        // Rust writes reals without exponents. + 0.0 turns −0 into 0.
+        Value::Number(number) if number.is_f64() => (number.as_f64().unwrap_or_default() + 0.0).to_string(),
+        other => other.to_string(),
+    }
+}
+
 /// `NaN` and infinities have no JSON and become null.
 fn json(value: FieldValue) -> Value {
     match value {
@@ -317,6 +385,38 @@ fn json(value: FieldValue) -> Value {
         FieldValue::DateValue(v) => v.to_string().into(),
         // `Debug` of a date and time is its ISO 8601 form.
         FieldValue::DateTimeValue(v) => format!("{v:?}").into(),
+    }
+}
+
+/// The outline in plan of a body; `None` for anything else.
+fn outline_of_body(geometry: &Geometry) -> Option<MultiPolygon<f64>> {
+    if !geometry.has_gdal_ptr() || !gdal::vector::geometry_type_has_z(geometry.geometry_type()) {
+        return None;
+    }
+    match gdal::vector::geometry_type_flatten(geometry.geometry_type()) {
+        Kind::wkbPolyhedralSurface | Kind::wkbTIN => body::outline_of_surface(&faces(geometry)?),
+        Kind::wkbMultiPolygon | Kind::wkbMultiSurface | Kind::wkbGeometryCollection => body::outline(&faces(geometry)?),
+        _ => None,
+    }
+}
+
+/// All faces of a geometry, however they are grouped; `None` where there is anything else in it.
+fn faces(geometry: &Geometry) -> Option<Vec<Face>> {
+    match gdal::vector::geometry_type_flatten(geometry.geometry_type()) {
+        Kind::wkbPolygon | Kind::wkbCurvePolygon | Kind::wkbTriangle => {
+            let mut corners = Vec::new();
+            children(geometry).next()?.get_points(&mut corners);
+            Some(vec![Face::new(&polygon(geometry)?, corners.into_iter().map(|(_, _, z)| z))])
+        }
+        Kind::wkbMultiPolygon
+        | Kind::wkbMultiSurface
+        | Kind::wkbPolyhedralSurface
+        | Kind::wkbTIN
+        | Kind::wkbGeometryCollection => {
+            let parts = children(geometry).map(|part| faces(&part)).collect::<Option<Vec<_>>>()?;
+            Some(parts.into_iter().flatten().collect())
+        }
+        _ => None,
     }
 }
 

@@ -10,6 +10,15 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 /// Reasons that say where a height comes from, not why it was not measured.
 pub const OF_FALLBACK: [&str; 3] = ["height_from_attribute", "height_from_neighbours", "no_fallback"];
 
+/// Start of a reason that shows an attribute's value, from which no height could be taken.
+pub const ATTRIBUTE_REFUSED: &str = "attribute_refused: ";
+
+/// Whether a reason says where a height comes from, or why from nowhere, and not why it was not measured.
+#[must_use]
+pub fn is_of_fallback(reason: &str) -> bool {
+    OF_FALLBACK.contains(&reason) || reason.starts_with(ATTRIBUTE_REFUSED)
+}
+
 /// Issues of the buildings that are neither `measured` nor `reviewed`: those without a height first, then the doubtful ones, large footprints
 /// first. Refused footprints that `told` has an issue of are left out.
 #[must_use]
@@ -80,7 +89,12 @@ pub fn in_words(reason: &str) -> String {
         "ground_unknown" => "the terrain has no ground there",
         "reviewed" => "a person looked at it and settled its height",
         "reviewed_wrong" => "a person looked at it and found its height wrong",
-        _ => return format!("the footprint cannot be used ({reason})"),
+        _ => {
+            return match reason.strip_prefix(ATTRIBUTE_REFUSED) {
+                Some(value) => format!("its attribute {value}"),
+                None => format!("the footprint cannot be used ({reason})"),
+            };
+        }
     }
     .to_owned()
 }

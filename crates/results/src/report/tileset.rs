@@ -42,6 +42,7 @@ pub fn tileset_of(folder: &Path) -> Result<PathBuf, ServeError> {
 fn make(city: &Path, folder: &Path) -> Result<(), ServeError> {
     let file = RecordFile::open(city, ReadOptions::default())?;
     let Some(crs) = file.crs().cloned() else { return Err(ServeError::NoCrs { path: city.to_owned() }) };
+    file.check_units(&crs)?;
     let lineage: Lineage = file.lineage().unwrap_or_default();
     let survey = Survey::default();
     let model = CityModel { records: &file, crs: &crs, lineage: &lineage, issues: &[], survey: &survey };

@@ -11,7 +11,7 @@ use crate::angles::opk_deg;
 use crate::{Survey, SurveyError, View, ViewKind, ground};
 use sizeup_geo::crs::{Crs, CrsError};
 use sizeup_geo::files::write_whole_by_name;
-use sizeup_geo::geodata::geojson::{self, Feature, GeometryValue, JsonObject, LonLat, Winding};
+use sizeup_geo::geodata::geojson::{self, Feature, GeometryValue, JsonObject, LonLat};
 use sizeup_geo::geodata::view_layers::{self, Attributes, FeatureShape, Layer};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::Terrain;
@@ -104,10 +104,8 @@ fn feature(shape: &FeatureShape, attributes: &Attributes, lonlat: &LonLat) -> Re
     let places = |points: &[DVec3]| points.iter().map(DVec3::to_array).collect::<Vec<_>>();
     let geometry = match shape {
         FeatureShape::Point(place) => GeometryValue::Point { coordinates: lonlat.position(&place.to_array())? },
-        FeatureShape::Line(points) => GeometryValue::LineString { coordinates: lonlat.line(places(points))? },
-        FeatureShape::Polygon(ring) => {
-            GeometryValue::Polygon { coordinates: vec![lonlat.ring(places(ring), Winding::Counterclockwise)?] }
-        }
+        FeatureShape::Line(points) => lonlat.line(places(points))?,
+        FeatureShape::Polygon(ring) => lonlat.area(places(ring))?,
     };
     let numbers = attributes.numbers.iter().map(|(name, number)| ((*name).to_owned(), (*number).into()));
     let words = [("name".to_owned(), attributes.name.as_str().into()), ("kind".to_owned(), attributes.kind.into())];

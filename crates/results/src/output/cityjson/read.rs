@@ -5,7 +5,7 @@
 
 use std::fmt;
 use std::fs;
-use std::io::BufReader;
+use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 
 use indexmap::IndexMap;
@@ -20,6 +20,8 @@ use super::read_sequence::CitySequence;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::FileError;
 
+/// The byte order mark of UTF-8.
+const BYTE_ORDER_MARK: &str = "\u{feff}";
 /// Coordinates beyond this are no place: the Earth is 4e10 mm around.
 const FARTHEST: f64 = 1e11;
 
@@ -139,7 +141,13 @@ impl CityFile {
 /// [`OutputError::File`].
 pub(in crate::output) fn open(path: &Path) -> Result<BufReader<fs::File>, OutputError> {
     let file = fs::File::open(path).map_err(FileError::on("cannot read", path))?;
-    Ok(BufReader::with_capacity(1 << 18, file))
+    let mut reader = BufReader::with_capacity(1 << 18, file);
+    let start = reader.fill_buf().map_err(FileError::on("cannot read", path))?;
+    // What programs of Windows begin a text with is no part of it.
+    if start.starts_with(BYTE_ORDER_MARK.as_bytes()) {
+        reader.consume(BYTE_ORDER_MARK.len());
+    }
+    Ok(reader)
 }
 
 /// Hands the objects of a file to `visit` one by one; `vertices` are the file's. Says how many template instances were
@@ -279,7 +287,8 @@ impl<'de> Visitor<'de> for NestedVisitor {
     }
 
     fn visit_u64<E: serde::de::Error>(self, index: u64) -> Result<Nested, E> {
-        u32::try_from(index).map(Nested::Index).map_err(E::custom)
+        let too_large = |_| E::custom(format!("vertex index {index}: expected at most {}", u32::MAX));
+        u32::try_from(index).map(Nested::Index).map_err(too_large)
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Nested, A::Error> {
@@ -310,15 +319,43 @@ pub(super) fn require_version(raw: &RawFile) -> Result<(), String> {
     }
 }
 
-/// `urn:ogc:def:crs:EPSG::7415` or `https://www.opengis.net/def/crs/EPSG/0/7415`. Our own files have the vertical part that
-/// no single code stands for in their lineage.
+/// The CRS that metadata state. Our own files have the vertical part that no single code stands for in their lineage.
 pub(super) fn crs_of(metadata: &JsonMap<String, Value>) -> Result<Option<Crs>, String> {
     let Some(name) = metadata.get("referenceSystem").and_then(Value::as_str) else { return Ok(None) };
-    let code = name.rsplit(['/', ':']).next().unwrap_or_default();
-    let crs = Crs::parse(&format!("EPSG:{code}")).map_err(|e| format!("referenceSystem {name:?}: {e}"))?;
+    let wrong = |reason: &str| format!("referenceSystem {name:?}: {reason}");
+    let parse = |definition: String| Crs::parse(&definition).map_err(|e| wrong(&e.to_string()));
+    let codes = epsg_codes(name);
+    let crs = match codes.as_slice() {
+        [] => return Err(wrong("expected an EPSG code, such as https://www.opengis.net/def/crs/EPSG/0/7415")),
+        [code] => parse(format!("EPSG:{code}"))?,
+        [first, second] => {
+            let is_second_horizontal = parse(format!("EPSG:{first}"))?.is_vertical();
+            let [plane, heights] = if is_second_horizontal { [second, first] } else { [first, second] };
+            parse(format!("EPSG:{plane}+{heights}"))?.registered()
+        }
+        _ => return Err(wrong("expected a CRS and at most one of heights")),
+    };
+    if crs.is_vertical() {
+        return Err(wrong(&format!("{crs} is a system of heights, and says nothing of positions")));
+    }
     let of_lineage = metadata.get("sizeup").and_then(|lineage| lineage["crs"].as_str());
     let of_lineage = of_lineage.and_then(|definition| Crs::parse(definition).ok());
     Ok(Some(crs.with_heights_of(of_lineage.as_ref())))
+}
+
+/// EPSG codes in the name of a CRS, in its order: one of `urn:ogc:def:crs:EPSG::7415`, `https://www.opengis.net/def/crs/EPSG/0/7415` or
+/// `EPSG:7415`; two of OGC's names of compounds, `…/def/crs-compound?1=…/EPSG/0/28992&2=…/EPSG/0/5709` and
+/// `urn:ogc:def:crs,crs:EPSG::28992,crs:EPSG::5709`, and of PROJ's, `EPSG:28992+5709`.
+fn epsg_codes(name: &str) -> Vec<&str> {
+    name.split(['&', ',', '+']).filter_map(epsg_code).collect()
+}
+
+/// The code at the end of a part of a name, where that names EPSG or is the number alone.
+fn epsg_code(part: &str) -> Option<&str> {
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+    let last = part.trim().trim_end_matches('/').rsplit(['/', ':', '#', '=']).next()?;
+    let is_epsg = part.to_ascii_lowercase().contains("epsg") || is_number(part.trim());
+    Some(last).filter(|last| is_epsg && is_number(last))
 }
 
 impl CityFile {
@@ -346,8 +383,8 @@ impl CityFile {
 impl RawObject {
     fn read(self, id: String, offset: u32, n_vertices: usize, n_templates: &mut usize) -> Result<CityObject, String> {
         let mut geometries = Vec::with_capacity(self.geometry.len());
-        for geometry in &self.geometry {
-            match geometry.read(offset, n_vertices).map_err(|e| format!("object {id:?}: {e}"))? {
+        for (i, geometry) in self.geometry.iter().enumerate() {
+            match geometry.read(offset, n_vertices).map_err(|e| format!("object {id:?}: geometry/{i}: {e}"))? {
                 Some(geometry) => geometries.push(geometry),
                 None if geometry.kind == "GeometryInstance" => *n_templates += 1,
                 None => {}
@@ -376,7 +413,8 @@ impl RawGeometry {
         let mut surfaces = Vec::new();
         if let Some(boundaries) = &self.boundaries {
             let values = self.semantics.as_ref().map_or(&Value::Null, |s| &s.values);
-            let mut reader = SurfaceReader { geometry: self, offset, n_vertices, surfaces: &mut surfaces };
+            let n_levels = levels_above;
+            let mut reader = SurfaceReader { geometry: self, offset, n_vertices, n_levels, surfaces: &mut surfaces };
             reader.descend(boundaries, values, levels_above, [0; 3])?;
         }
         Ok(Some(CityGeometry { lod, is_solid: levels_above > 0, surfaces }))
@@ -397,6 +435,8 @@ struct SurfaceReader<'a> {
     geometry: &'a RawGeometry,
     offset: u32,
     n_vertices: usize,
+    /// Levels above a surface.
+    n_levels: usize,
     surfaces: &'a mut Vec<CitySurface>,
 }
 
@@ -409,7 +449,15 @@ impl SurfaceReader<'_> {
             if levels > 0 {
                 self.descend(item, value, levels - 1, place)?;
             } else {
-                let rings = item.items()?.iter().map(|ring| self.ring(ring)).collect::<Result<_, _>>()?;
+                let rings = item.items()?.iter().enumerate();
+                let rings = rings.map(|(ring_idx, ring)| {
+                    self.ring(ring).map_err(|e| {
+                        let n_lists = self.n_levels + 1;
+                        let at: String = place[3 - n_lists..].iter().map(|i| format!("{i}/")).collect();
+                        format!("boundaries/{at}{ring_idx}{e}")
+                    })
+                });
+                let rings = rings.collect::<Result<_, _>>()?;
                 self.surfaces.push(CitySurface { place, kind: self.geometry.kind_of(value), rings });
             }
         }
@@ -417,11 +465,78 @@ impl SurfaceReader<'_> {
     }
 
     fn ring(&self, ring: &Nested) -> Result<Vec<u32>, String> {
-        let index = |item: &Nested| match item {
-            Nested::Index(i) if (*i as usize) < self.n_vertices - self.offset as usize => Ok(i + self.offset),
-            Nested::Index(i) => Err(format!("vertex index {i} of {}", self.n_vertices - self.offset as usize)),
-            Nested::List(_) => Err("its boundaries are deeper than its type allows".to_owned()),
+        let n_vertices = self.n_vertices - self.offset as usize;
+        let index = |(at, item): (usize, &Nested)| match item {
+            Nested::Index(i) if (*i as usize) < n_vertices => Ok(i + self.offset),
+            Nested::Index(i) => Err(format!("/{at}: vertex index {i} of {n_vertices}")),
+            Nested::List(_) => Err(format!("/{at}: its boundaries are deeper than its type allows")),
         };
-        ring.items()?.iter().map(index).collect()
+        ring.items().map_err(|e| format!(": {e}"))?.iter().enumerate().map(index).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn crs(name: &str) -> Result<Option<Crs>, String> {
+        crs_of(json!({ "referenceSystem": name }).as_object().unwrap())
+    }
+
+    #[test]
+    fn a_crs_is_read_by_one_code_or_two() {
+        for name in [
+            "urn:ogc:def:crs:EPSG::7415",
+            "https://www.opengis.net/def/crs/EPSG/0/7415",
+            "http://www.opengis.net/def/crs/EPSG/0/7415/",
+            "EPSG:7415",
+        ] {
+            assert_eq!(crs(name).unwrap().unwrap().epsg(), Some(7415), "{name}");
+        }
+        for name in [
+            "http://www.opengis.net/def/crs-compound?1=http://www.opengis.net/def/crs/EPSG/0/28992&2=http://www.opengis.net/def/crs/EPSG/0/5709",
+            "http://www.opengis.net/def/crs-compound?2=http://www.opengis.net/def/crs/EPSG/0/5709&1=http://www.opengis.net/def/crs/EPSG/0/28992",
+            "urn:ogc:def:crs,crs:EPSG::28992,crs:EPSG::5709",
+            "urn:ogc:def:crs,crs:EPSG:6.12:28992,crs:EPSG:6.12:5709",
+            "EPSG:28992+5709",
+        ] {
+            let crs = crs(name).unwrap().unwrap();
+            assert_eq!((crs.horizontal_epsg(), crs.vertical_epsg()), (Some(28992), Some(5709)), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_system_of_heights_is_never_the_crs() {
+        let refused = crs("http://www.opengis.net/def/crs/EPSG/0/5709").unwrap_err();
+        assert!(refused.contains("system of heights"), "{refused}");
+        for name in ["urn:adv:crs:ETRS89_UTM32*DE_DHHN92_NH", "", "EPSG:28992,EPSG:5709,EPSG:4326"] {
+            assert!(crs(name).is_err(), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_byte_order_mark_is_passed_over_and_an_index_that_is_none_has_a_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let read = |name: &str, index: &str| {
+            let city = json!({
+                "type": "CityJSON", "version": "2.0", "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
+                "CityObjects": { "a": { "type": "Building", "geometry": [{
+                    "type": "Solid", "lod": "1", "boundaries": [[[[0, 1, 2]], [[0, 1, "INDEX"]]]],
+                }] } },
+            });
+            let text = city.to_string().replace("\"INDEX\"", index);
+            let path = folder.path().join(name);
+            fs::write(&path, format!("\u{feff}{text}")).unwrap();
+            CityFile::read(&path).map(|city| city.objects.len()).map_err(|e| e.to_string())
+        };
+        assert_eq!(read("a.city.json", "2"), Ok(1));
+        let far = read("a.city.json", "3").unwrap_err();
+        assert!(far.contains("object \"a\": geometry/0: boundaries/0/1/0/2: vertex index 3 of 3"), "{far}");
+        for index in ["99999999999999999999", "-1", "0.5", "4294967296", "1e20"] {
+            let error = read("a.city.json", index).unwrap_err();
+            assert!(error.contains("line 1 column") && error.contains("vertex index"), "{index}: {error}");
+        }
     }
 }

@@ -5,7 +5,7 @@ use std::io::{BufRead as _, BufReader, Lines};
 use std::path::{Path, PathBuf};
 
 use super::super::error::{MalformedFile, OutputError};
-use super::read::{CityFile, RawFile, RawTransform, crs_of, require_version};
+use super::read::{CityFile, RawFile, RawTransform, crs_of, open, require_version};
 use sizeup_geo::files::FileError;
 
 /// A sequence, feature by feature: iterates over city models of one feature each, in a CRS of their own.
@@ -26,8 +26,7 @@ impl CitySequence {
     /// # Errors
     /// As [`CityFile::read`].
     pub fn open(path: &Path) -> Result<Self, OutputError> {
-        let file = fs::File::open(path).map_err(FileError::on("cannot read", path))?;
-        let lines = BufReader::with_capacity(1 << 18, file).lines();
+        let lines = open(path)?.lines();
         let header = CityFile::default();
         let mut sequence =
             Self { path: path.to_owned(), lines, n_lines: 0, transform: None, header, is_header_due: true };

@@ -20,7 +20,7 @@ use super::OutputError;
 use super::cityjson::read::CityFile;
 use sizeup_geo::crs::{Crs, CrsError, Transform};
 use sizeup_geo::files::FileError;
-use sizeup_geo::geodata::vector::{Feature, FeatureGeometry, VectorError, VectorLayer};
+use sizeup_geo::geodata::vector::{Feature, FeatureGeometry, VectorError, VectorLayer, plain_text};
 
 pub use stream::RecordFile;
 pub use surfaces::{BuildingLevels, measure};
@@ -30,6 +30,31 @@ const ID_FIELDS: [&str; 4] = ["id", "ID", "identificatie", "gml_id"];
 
 /// Layers that are taken from a file with several when none is named: ours, of a city and of footprints from photos.
 const OWN_LAYERS: [&str; 2] = ["buildings", "footprints"];
+
+/// Files of a result's folder: of a run, or of a merged city.
+pub const RESULTS: &[&str] = &["city.city.json", "city.city.jsonl", "city.gpkg"];
+/// Those of them that are `CityJSON`.
+pub const CITYJSON_RESULTS: &[&str] = &["city.city.json", "city.city.jsonl"];
+/// That of them with several layers.
+pub const LAYERED_RESULTS: &[&str] = &["city.gpkg"];
+
+/// The file of a result: itself, or the first of `names` that its folder holds. Folders that are layers or 3D Tiles stay what they
+/// are.
+///
+/// # Errors
+/// [`ReadError::NoResult`].
+pub fn result_file(path: &Path, names: &'static [&'static str]) -> Result<PathBuf, ReadError> {
+    let Ok(entries) = std::fs::read_dir(path) else { return Ok(path.to_owned()) };
+    if let Some(found) = names.iter().map(|name| path.join(name)).find(|file| file.is_file()) {
+        return Ok(found);
+    }
+    let is_of_layer = |file: &Path| {
+        let extension = file.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+        ["shp", "gdbtable"].contains(&extension.as_str()) || file.file_name().is_some_and(|name| name == "tileset.json")
+    };
+    let is_layer = entries.filter_map(Result::ok).any(|entry| is_of_layer(&entry.path()));
+    if is_layer { Ok(path.to_owned()) } else { Err(ReadError::NoResult { path: path.to_owned(), names }) }
+}
 
 /// One building of a file.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -83,6 +108,14 @@ pub enum ReadError {
         /// Path of the folder or file.
         path: PathBuf,
     },
+    /// The folder holds no result.
+    #[error("{} holds no result: none of {}\nhint: name the folder that `sizeup run` or `sizeup tiles merge` wrote, or the file itself", path.display(), names.join(", "))]
+    NoResult {
+        /// The folder that was named.
+        path: PathBuf,
+        /// Names of the files that were looked for.
+        names: &'static [&'static str],
+    },
     /// It has no CRS.
     #[error("{} has no CRS, so its footprints cannot be compared\nhint: state it with `ogr2ogr -a_srs EPSG:… out.gpkg {}`, or match by id", path.display(), path.display())]
     NoCrs {
@@ -103,6 +136,14 @@ pub enum ReadError {
     HeightUnit {
         /// The file that was read.
         path: PathBuf,
+    },
+    /// Positions or heights are in feet, where metres are written.
+    #[error("{} counts in feet ({crs}), and results are written in metres\nhint: bring it into a CRS in metres first, as `cjio IN crs_reproject EPSG save OUT` does", path.display())]
+    Feet {
+        /// The file that was read.
+        path: PathBuf,
+        /// CRS of the file.
+        crs: String,
     },
     /// It lacks an attribute.
     #[error("{} has no attribute {field:?}; it has {}\nhint: name the attribute that holds the {what}", path.display(), if available.is_empty() { "none".to_owned() } else { available.join(", ") })]
@@ -169,8 +210,7 @@ impl FoundBuilding {
     fn from_feature(feature: Feature, id_field: Option<&str>) -> Self {
         let stated = id_field.and_then(|field| feature.attributes.get(field)).filter(|id| !id.is_null());
         let id = match stated {
-            Some(Value::String(id)) => id.clone(),
-            Some(other) => other.to_string(),
+            Some(stated) => plain_text(stated),
             None => feature.fid.map_or_else(String::new, |fid| fid.to_string()),
         };
         let footprint = match feature.geometry {
@@ -197,6 +237,18 @@ pub fn height_unit_m(path: &Path, crs: &Crs) -> Result<f64, ReadError> {
         None if crs.is_metric() => Ok(1.0),
         None => Err(ReadError::HeightUnit { path: path.to_owned() }),
     }
+}
+
+/// Whether levels and footprints measured in a CRS are metres.
+///
+/// # Errors
+/// As [`height_unit_m`]; [`ReadError::Feet`] where they are feet.
+fn require_metres(path: &Path, crs: &Crs) -> Result<(), ReadError> {
+    let unit_m = height_unit_m(path, crs)?;
+    if crs.is_metric() && unit_m == 1.0 {
+        return Ok(());
+    }
+    Err(ReadError::Feet { path: path.to_owned(), crs: crs.to_string() })
 }
 
 /// The layer, and the name of the attribute that holds the id.
@@ -253,6 +305,39 @@ fn contains(path: &Path, needle: &[u8]) -> std::io::Result<bool> {
         }
         if window.windows(needle.len()).any(|bytes| bytes == needle) {
             return Ok(true);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_stands_for_the_result_in_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let none = result_file(folder.path(), RESULTS).unwrap_err().to_string();
+        assert!(none.contains("holds no result") && none.contains("city.city.json"), "{none}");
+        std::fs::write(at("city.gpkg"), "").unwrap();
+        assert_eq!(result_file(folder.path(), RESULTS).unwrap(), at("city.gpkg"));
+        assert!(result_file(folder.path(), CITYJSON_RESULTS).is_err());
+        std::fs::write(at("city.city.json"), "").unwrap();
+        assert_eq!(result_file(folder.path(), RESULTS).unwrap(), at("city.city.json"));
+        assert_eq!(result_file(&at("a.city.json"), RESULTS).unwrap(), at("a.city.json"), "files are named as before");
+        let layer = folder.path().join("layer");
+        std::fs::create_dir(&layer).unwrap();
+        std::fs::write(layer.join("a.shp"), "").unwrap();
+        assert_eq!(result_file(&layer, RESULTS).unwrap(), layer, "a folder that GDAL reads");
+    }
+
+    #[test]
+    fn a_city_in_feet_is_refused_and_one_in_metres_is_not() {
+        let check = |definition: &str| require_metres(Path::new("a.city.json"), &Crs::parse(definition).unwrap());
+        assert!(check("EPSG:7415").is_ok() && check("EPSG:28992").is_ok());
+        assert!(matches!(check("EPSG:2263"), Err(ReadError::HeightUnit { .. })), "nothing is said of heights");
+        for feet in ["EPSG:2263+6360", "EPSG:32118+6360", "EPSG:2263+5703"] {
+            assert!(matches!(check(feet), Err(ReadError::Feet { .. })), "{feet}");
         }
     }
 }

@@ -13,6 +13,9 @@ use super::super::{BuildingRecord, HeightReference, RoofShape, Status};
 use super::{FoundBuilding, FoundBuildings};
 use sizeup_heights::optimise::FootprintShift;
 
+/// Reason of a building whose roof is at or below its ground, by its file.
+const NOT_POSITIVE: &str = "height_not_positive";
+
 impl FoundBuildings {
     /// As records. From our own files every field comes back as it was written; from those of others the height is
     /// measured on the surfaces and the status is `given` or `unknown`. Of several polygons the largest is kept.
@@ -28,7 +31,12 @@ impl FoundBuilding {
     pub fn to_record(&self) -> BuildingRecord {
         let number = |name: &str| self.own(name).and_then(Value::as_f64);
         let ground_z_m = number("ground_z_m").or(self.levels.map(|levels| levels.ground_m));
-        let height_m = number("height_m").or(self.levels.map(|levels| levels.roof_mean_m - levels.ground_m));
+        let stated_m = number("height_m").or(self.levels.map(|levels| levels.roof_mean_m - levels.ground_m));
+        // Nothing is as high as its ground, or lower.
+        let height_m = stated_m.filter(|height_m| *height_m > 0.0);
+        let mut reasons = self.list("reasons");
+        reasons
+            .extend((height_m != stated_m).then(|| NOT_POSITIVE.to_owned()).filter(|reason| !reasons.contains(reason)));
         let largest = self
             .footprint
             .as_ref()
@@ -46,8 +54,8 @@ impl FoundBuilding {
             footprint_shift: self.footprint_shift(),
             height_reference: self.named("height_reference").unwrap_or(HeightReference::Mean),
             roof: self.roof(),
-            status: self.named("status").unwrap_or(otherwise),
-            reasons: self.list("reasons"),
+            status: self.named("status").filter(|_| height_m == stated_m).unwrap_or(otherwise),
+            reasons,
             views: self.list("views"),
             attributes: self.carried(),
         }

@@ -9,7 +9,10 @@ use super::super::cityjson::CitySequence;
 use super::super::cityjson::read::{CityFile, visit_objects};
 use super::super::geopackage::LINEAGE_TABLE;
 use super::super::{BuildingRecord, Lineage, OutputError};
-use super::{FoundBuilding, ReadError, ReadOptions, is_cityjson, is_sequence, open_layer, require_readable, surfaces};
+use super::{
+    FoundBuilding, ReadError, ReadOptions, is_cityjson, is_sequence, open_layer, require_metres, require_readable,
+    surfaces,
+};
 use sizeup_geo::crs::Crs;
 
 /// A file whose buildings can be gone through again and again.
@@ -58,6 +61,18 @@ impl<'a> RecordFile<'a> {
     #[must_use]
     pub fn lineage(&self) -> Option<Lineage> {
         self.lineage.clone()
+    }
+
+    /// Holds the CRS of its buildings, its own or one that is stated for it, against what can be written: bodies are measured in its
+    /// units. Layers have heights as attributes in metres.
+    ///
+    /// # Errors
+    /// [`ReadError::HeightUnit`] and [`ReadError::Feet`] of `CityJSON` in feet.
+    pub fn check_units(&self, crs: &Crs) -> Result<(), ReadError> {
+        match self.content {
+            RecordContent::City { .. } | RecordContent::Sequence => require_metres(&self.path, crs),
+            RecordContent::Layer => Ok(()),
+        }
     }
 
     /// CRS, where it states one.

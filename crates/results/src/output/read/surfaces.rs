@@ -5,12 +5,19 @@
 //! ```
 //!
 //! Roof and ground come from the semantics; where a building has none, from the normals (up and down within 60° of the
-//! vertical, so steep roofs count and walls do not). The footprint is the union of the ground surfaces in plan, or of
+//! vertical, so steep roofs count and walls do not), turned round where the surfaces enclose a negative volume and so look inwards:
+//!
+//! ```text
+//! volume = ∫ (z − lowest) n_z dA over all surfaces
+//! ```
+//!
+//! The footprint is the union of the ground surfaces in plan, or of
 //! the roof surfaces where there is no ground.
 
 use std::collections::HashMap;
 
-use geo::{Area, unary_union};
+use geo::orient::Direction;
+use geo::{Area, Orient as _, unary_union};
 use geo_types::{Coord, LineString, MultiPolygon, Polygon};
 use indexmap::IndexMap;
 
@@ -157,6 +164,7 @@ pub fn measure(
     vertices: &[[f64; 3]],
 ) -> (Option<BuildingLevels>, Option<MultiPolygon<f64>>) {
     let has_roof = surfaces.iter().any(|s| s.kind == Some(FaceKind::Roof));
+    let looks_inwards = !has_roof && looks_inwards(surfaces, vertices);
     let mut roof = RoofSum::default();
     let (mut ground_m, mut lowest_m) = (f64::INFINITY, f64::INFINITY);
     let (mut ground_plan, mut roof_plan) = (Vec::new(), Vec::new());
@@ -166,7 +174,8 @@ pub fn measure(
         let Some(exterior) = rings.first() else { continue };
         let low_m = exterior.iter().map(|p| p[2]).fold(f64::INFINITY, f64::min);
         lowest_m = lowest_m.min(low_m);
-        let kind = if has_roof { surface.kind } else { surface.kind.or_else(|| kind_by_normal(exterior)) };
+        let kind =
+            if has_roof { surface.kind } else { surface.kind.or_else(|| kind_by_normal(exterior, looks_inwards)) };
         match kind {
             Some(FaceKind::Ground) => {
                 ground_m = ground_m.min(low_m);
@@ -184,17 +193,29 @@ pub fn measure(
         0 => None,
         // By far the most frequent, and a union would only cost time.
         1 => Some(MultiPolygon::new(footprint)),
-        _ => Some(unary_union(&footprint)),
+        // A union takes polygons of one way round only.
+        _ => Some(unary_union(&footprint.iter().map(|part| part.orient(Direction::Default)).collect::<Vec<_>>())),
     };
     let ground_m = if ground_m.is_finite() { ground_m } else { lowest_m };
     (roof.levels(ground_m), footprint)
 }
 
-/// Roof or ground by the direction a surface faces (counter-clockwise seen from outside).
-fn kind_by_normal(ring: &[[f64; 3]]) -> Option<FaceKind> {
+/// Whether the volume that surfaces enclose is negative: they are clockwise seen from outside. Open surfaces enclose what is
+/// between them and the level of the lowest corner.
+fn looks_inwards(surfaces: &[&CitySurface], vertices: &[[f64; 3]]) -> bool {
+    let rings = || surfaces.iter().flat_map(|surface| &surface.rings);
+    let corner = |i: &u32| vertices[*i as usize];
+    let lowest = rings().flatten().map(|i| corner(i)[2]).fold(f64::INFINITY, f64::min);
+    let above =
+        |ring: &Vec<u32>| -> Vec<[f64; 3]> { ring.iter().map(corner).map(|[x, y, z]| [x, y, z - lowest]).collect() };
+    rings().map(|ring| plan_moment(&above(ring)).1).sum::<f64>() < 0.0
+}
+
+/// Roof or ground by the direction a surface faces (counter-clockwise seen from outside, or clockwise where all are).
+fn kind_by_normal(ring: &[[f64; 3]], looks_inwards: bool) -> Option<FaceKind> {
     let normal = newell(ring);
     let length = normal.iter().map(|c| c * c).sum::<f64>().sqrt();
-    let cosine = normal[2] / length;
+    let cosine = if looks_inwards { -normal[2] } else { normal[2] } / length;
     if cosine > MIN_VERTICAL_COSINE {
         Some(FaceKind::Roof)
     } else if cosine < -MIN_VERTICAL_COSINE {
@@ -321,5 +342,20 @@ mod tests {
         let (levels, footprint) = measure(&surfaces.iter().collect::<Vec<_>>(), &vertices);
         assert_eq!(levels.map(|l| (l.ground_m, l.roof_mean_m)), Some((1.0, 4.0)));
         assert_eq!(footprint.unwrap().unsigned_area(), 60.0);
+    }
+
+    #[test]
+    fn a_body_that_is_inside_out_has_the_levels_of_one_that_is_not() {
+        let (vertices, mut surfaces) = gable_house();
+        for surface in &mut surfaces {
+            surface.kind = None;
+            surface.rings.iter_mut().for_each(|ring| ring.reverse());
+        }
+        let (levels, footprint) = measure(&surfaces.iter().collect::<Vec<_>>(), &vertices);
+        let expected = BuildingLevels { ground_m: 1.0, roof_mean_m: 4.0, roof_min_m: 3.0, roof_max_m: 5.0 };
+        assert_eq!(levels, Some(expected));
+        assert_eq!(footprint.unwrap().unsigned_area(), 60.0);
+        let roofs: Vec<&CitySurface> = surfaces[1..3].iter().collect();
+        assert_eq!(measure(&roofs, &vertices).0.map(|l| l.roof_mean_m), Some(4.0), "roofs alone");
     }
 }

@@ -22,7 +22,11 @@ use serde_json::{Map, Number, Value, json};
 use super::super::OutputError;
 use super::super::cityjson::pieces::{Pieces, read_pieces};
 use super::super::cityjson::read::open;
-use super::schema::{EXTENSIONS, SchemaCheck, SchemaFault, has_other_extensions, validator};
+use super::granted::{self, Appearance};
+use super::schema::{
+    EXTENSIONS, INDICES, MATERIALS, SCHEMA, SEMANTICS, SchemaCheck, SchemaFault, TEXTURES, has_other_extensions,
+    validator,
+};
 use sizeup_geo::files::FileError;
 
 /// Least size of a part, bytes: reading its schemas costs cjval some hundredths of a second each time.
@@ -30,16 +34,14 @@ const PART_BYTES: usize = 1 << 20;
 /// Members of the head that the checks of objects and vertices need.
 const COMMON: [&str; 5] = ["type", "version", "extensions", "transform", "appearance"];
 /// cjval's names of what is counted here.
-const SCHEMA: &str = "schema";
 const FAMILIES: &str = "parents_children_consistency";
-const INDICES: &str = "wrong_vertex_index";
 const DUPLICATES: &str = "duplicate_vertices";
 const UNUSED: &str = "unused_vertices";
 /// cjval's checks in its order. What one stage finds ends the check; the last one warns.
 const STAGES: [&[&str]; 4] = [
     &[SCHEMA],
     &[EXTENSIONS],
-    &[FAMILIES, INDICES, "semantics_arrays", "textures", "materials"],
+    &[FAMILIES, INDICES, SEMANTICS, TEXTURES, MATERIALS],
     &["extra_root_properties", DUPLICATES, UNUSED],
 ];
 /// Unused vertices that are named one by one.
@@ -160,10 +162,7 @@ impl PieceList {
 }
 
 fn said(text: &str) -> impl Iterator<Item = (String, String)> {
-    let summaries = validator(text).validate().into_iter();
-    summaries.flat_map(|(check, summary)| {
-        summary.get_errors().iter().map(|message| (check.clone(), message.clone())).collect::<Vec<_>>()
-    })
+    granted::said(&validator(text)).into_iter().map(|(check, message, _)| (check, message))
 }
 
 /// A message on a vertex of a part with the vertex's index in the file.
@@ -196,6 +195,7 @@ impl Relatives {
 /// Looks at a file's pieces as they come.
 struct DocumentCheck {
     start: String,
+    appearance: Appearance,
     part_bytes: usize,
     has_other_extensions: bool,
     /// Messages, by the name of the check that they come from.
@@ -217,8 +217,11 @@ struct DocumentCheck {
 impl DocumentCheck {
     fn new(head: &DocumentHead) -> Self {
         let text = head.text();
+        let mut secured = Value::Object(head.members.clone());
+        let findings = granted::secure_document(&mut secured);
         let mut check = Self {
             start: head.start(),
+            appearance: Appearance::of(&secured),
             part_bytes: PART_BYTES.max(text.len()),
             has_other_extensions: has_other_extensions(&text),
             found: HashMap::new(),
@@ -233,7 +236,8 @@ impl DocumentCheck {
             n_vertices: 0,
             is_used: vec![false; head.n_vertices],
         };
-        check.hear(said(&text).collect());
+        findings.into_iter().for_each(|(name, message)| check.tell(name, message));
+        check.hear(said(&secured.to_string()).collect());
         check
     }
 
@@ -368,8 +372,10 @@ impl Pieces for DocumentCheck {
     type Vertex = Value;
     type Member = IgnoredAny;
 
-    fn object(&mut self, id: String, object: Value) -> bool {
+    fn object(&mut self, id: String, mut object: Value) -> bool {
         self.look_at_indices(&id, &object);
+        let findings = granted::secure_object(&id, &mut object, self.appearance);
+        findings.into_iter().for_each(|(name, message)| self.tell(name, message));
         let piece = format!("{}:{object}", json!(id));
         if self.families.insert(id, Relatives::of(&object)).is_some() {
             self.has_duplicate_ids = true;

@@ -84,7 +84,7 @@ fn move_by(boundaries: &mut Value, before: u64, n: u64) -> bool {
 fn moved(point: &Value, shift: i64) -> Option<Value> {
     let [x, y, z] = point.as_array()?.as_slice() else { return None };
     let (x, y, z) = (x.as_i64()?, y.as_i64()?, z.as_i64()?);
-    (x.abs() < APART / 2).then(|| json!([x + shift, y, z]))
+    (x.unsigned_abs() < APART as u64 / 2).then(|| json!([x + shift, y, z]))
 }
 
 #[cfg(test)]

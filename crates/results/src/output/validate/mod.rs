@@ -13,6 +13,7 @@
 
 mod document;
 mod face;
+mod granted;
 mod merge;
 mod parts;
 pub mod schema;

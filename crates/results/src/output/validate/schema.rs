@@ -22,13 +22,21 @@ use super::super::OutputError;
 use super::super::cityjson::extension_schema;
 use super::super::error::MalformedFile;
 use super::document;
+use super::granted;
 use super::merge::merged;
 use sizeup_geo::files::{self, FileError};
 
 /// Where our extension is declared, its name stands in quotes.
 const EXTENSION_IS_DECLARED: &str = "\"Sizeup\"";
-/// cjval's name of the check of extensions.
+/// cjval's names of its checks.
+pub(super) const SCHEMA: &str = "schema";
 pub(super) const EXTENSIONS: &str = "extensions";
+pub(super) const INDICES: &str = "wrong_vertex_index";
+pub(super) const SEMANTICS: &str = "semantics_arrays";
+pub(super) const TEXTURES: &str = "textures";
+pub(super) const MATERIALS: &str = "materials";
+/// The byte order mark, with which programs of Windows begin a text; it is no part of it.
+const BYTE_ORDER_MARK: char = '\u{feff}';
 /// Features that are merged into one.
 const AT_ONCE: usize = 256;
 /// Features that are in memory at a time.
@@ -81,8 +89,10 @@ pub fn check_until(path: &Path, max_faults: usize) -> Result<SchemaCheck, Output
     let bytes = files::read_bytes(path)?;
     let text = String::from_utf8(bytes)
         .map_err(|e| MalformedFile { path: path.to_owned(), reason: format!("it is no UTF-8 text: {e}") })?;
+    let text = text.trim_start_matches(BYTE_ORDER_MARK);
     let mut outcome = SchemaCheck::default();
-    outcome.add(&validator(&text), None, has_other_extensions(&text));
+    let secured = outcome.secure(text, None);
+    outcome.add(&validator(secured.as_deref().unwrap_or(text)), None, has_other_extensions(text));
     Ok(outcome)
 }
 
@@ -94,7 +104,8 @@ fn check_sequence(path: &Path, max_faults: usize) -> Result<SchemaCheck, OutputE
     let mut outcome = SchemaCheck::default();
     let mut lines = BufReader::new(fs::File::open(path).map_err(read())?).lines().zip(1..);
     let Some((header, _)) = lines.next() else { return Ok(outcome) };
-    let header = SequenceHeader::new(header.map_err(read())?);
+    let header = header.map_err(read())?;
+    let header = SequenceHeader::new(header.trim_start_matches(BYTE_ORDER_MARK).to_owned());
     outcome.add_header(&header);
     if !outcome.errors.is_empty() {
         return Ok(outcome);
@@ -138,7 +149,12 @@ impl SequenceHeader {
     /// Checks some lines that come after it.
     fn check(&self, lines: &[NumberedLine]) -> SchemaCheck {
         let mut outcome = SchemaCheck { n_features_checked: lines.len(), ..SchemaCheck::default() };
-        self.find(&mut validator(&self.text), lines, &mut outcome);
+        let secure = |(number, line): &NumberedLine| {
+            let secured = outcome.secure(line, Some(*number));
+            (*number, secured.unwrap_or_else(|| line.clone()))
+        };
+        let lines: Vec<NumberedLine> = lines.iter().map(secure).collect();
+        self.find(&mut validator(&self.text), &lines, &mut outcome);
         outcome
     }
 
@@ -153,10 +169,8 @@ impl SequenceHeader {
             };
         }
         let together = merged(lines.iter().map(|(_, line)| line.as_str()));
-        let is_clean = together.is_some_and(|text| {
-            validator.from_str_cjfeature(&text).is_ok()
-                && validator.validate().values().all(|summary| summary.get_errors().is_empty())
-        });
+        let is_clean = together
+            .is_some_and(|text| validator.from_str_cjfeature(&text).is_ok() && granted::said(validator).is_empty());
         if !is_clean {
             let (first, second) = lines.split_at(lines.len() / 2);
             self.find(validator, first, outcome);
@@ -165,13 +179,15 @@ impl SequenceHeader {
     }
 }
 
-/// Sequences came with version 1.1, which cjval counts as 11.
+/// Sequences, and extensions as they are now, came with version 1.1, which cjval counts as 11.
 const FIRST_WITH_FEATURES: i32 = 11;
 
 /// With our own extension, which costs nothing where it is not used.
 pub(super) fn validator(text: &str) -> CJValidator {
     let mut validator = CJValidator::from_str(text);
-    if text.contains(EXTENSION_IS_DECLARED) {
+    // cjval has no schemas of extensions before, and panics.
+    let has_extensions = validator.get_input_cityjson_version() >= FIRST_WITH_FEATURES;
+    if has_extensions && text.contains(EXTENSION_IS_DECLARED) {
         // It is valid JSON, so cjval takes it.
         let _ = validator.add_one_extension_from_str(&extension_schema().to_string());
     }
@@ -196,16 +212,21 @@ impl SchemaCheck {
     }
 
     fn add(&mut self, validator: &CJValidator, line: Option<usize>, has_other_extensions: bool) {
-        for (check, summary) in validator.validate() {
+        for (check, message, is_warning) in granted::said(validator) {
             let is_unchecked_extension = check == EXTENSIONS && has_other_extensions;
-            let list =
-                if summary.is_warning() || is_unchecked_extension { &mut self.warnings } else { &mut self.errors };
-            list.extend(summary.get_errors().iter().map(|message| SchemaFault {
-                check: check.clone(),
-                line,
-                message: message.clone(),
-            }));
+            let list = if is_warning || is_unchecked_extension { &mut self.warnings } else { &mut self.errors };
+            list.push(SchemaFault { check, line, message });
         }
+    }
+
+    /// Takes note of what cjval takes for granted and is not so; a text without it, where there is any of it.
+    fn secure(&mut self, text: &str, line: Option<usize>) -> Option<String> {
+        let mut document: Value = serde_json::from_str(text).ok()?;
+        let as_it_was = document.clone();
+        let findings = granted::secure_document(&mut document);
+        let fault = |(check, message): granted::Finding| SchemaFault { check: check.to_owned(), line, message };
+        self.errors.extend(findings.into_iter().map(fault));
+        (document != as_it_was).then(|| document.to_string())
     }
 
     fn extend(&mut self, part: Self) {
