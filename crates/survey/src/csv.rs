@@ -331,7 +331,7 @@ pub(crate) fn declared_camera(camera: &CameraConfig, pixel_origin: PixelOrigin) 
     camera_of([None; N_INTRINSICS], "", Some(camera), pixel_origin)
 }
 
-/// What is declared goes before a row's own values. Coefficients that are all zero are not declared.
+/// Camera of a row: declared values go before the row's own. Coefficients that are all zero are not declared.
 fn camera_of(
     row: [Option<f64>; N_INTRINSICS],
     lens: &str,

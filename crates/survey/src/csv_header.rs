@@ -71,7 +71,7 @@ struct Column {
 pub(super) enum ColumnUnit {
     /// A length, metres per unit.
     Length(f64),
-    /// An angle.
+    /// An angle of this unit, as the header writes it.
     Angle(AngleUnit),
     /// Pixels of the photo.
     Pixels,

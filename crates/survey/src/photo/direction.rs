@@ -68,7 +68,7 @@ const POSE_WORDS: [&str; 7] = ["yaw", "pitch", "roll", "heading", "orientation",
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Direction {
     pub camera_from_world: DMat3,
-    /// Of the optical axis above the horizon, degrees.
+    /// Angle of the optical axis above the horizon, degrees.
     pub pitch_deg: f64,
     /// Names of the tags, where they are not DJI's.
     pub foreign: Option<[&'static str; 3]>,

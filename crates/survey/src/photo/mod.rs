@@ -67,7 +67,7 @@ enum PhotoHeights {
     Ellipsoidal,
     /// `AltitudeType` is `RtkAlt`, and nothing states a fix: taken as above the ellipsoid, which not all models write.
     RtkUnfixed,
-    /// Of no known reference.
+    /// Heights of no known reference, such as a barometer gives.
     Unknown,
 }
 
