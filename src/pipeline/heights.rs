@@ -10,6 +10,7 @@ use glam::DVec3;
 use super::above::mark_towers;
 use super::footprints;
 use super::kept::PriorStore;
+use super::neighbours::mark_small;
 use super::refinement::refine;
 use super::stages::SceneStage;
 use super::{
@@ -174,6 +175,7 @@ impl<'a> HeightSearch<'a> {
         heights.unread_photos.sort_unstable();
         heights.unread_photos.dedup_by_key(|(view, _)| *view);
         mark_towers(&stage.scene, &mut heights.solution);
+        mark_small(&stage.scene, &mut heights.solution);
         footprints.issues.extend(joined.iter().map(|id| levels::joined_note(id)));
         Ok(HeightStage { cuts, joined: joined.into_iter().collect(), layer_shift, ..heights })
     }

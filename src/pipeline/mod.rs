@@ -26,6 +26,7 @@ mod input;
 mod kept;
 mod levels;
 mod look;
+mod neighbours;
 mod overview;
 mod pictures;
 mod poses;

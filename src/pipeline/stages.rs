@@ -24,7 +24,7 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::{self, GroundLevel, LoadedTerrain, MapBox, Terrain};
 use sizeup_geo::unfinished::Unfinished;
 use sizeup_heights::frames::LocalOrigin;
-use sizeup_heights::optimise::Solution;
+use sizeup_heights::optimise::{DisagreeingView, Solution};
 use sizeup_heights::scene::Scene;
 use sizeup_photos::prior::Priors;
 use sizeup_results::output::plausible::CityDoubts;
@@ -324,9 +324,22 @@ pub(super) fn view_issues<'a>(survey: &'a Survey, heights: &'a HeightStage) -> i
     failed
         .chain(unread)
         .chain(heights.doubt.clone())
+        .chain(heights.solution.disagreeing_views.iter().map(|found| disagreeing_prior(survey, found)))
         .chain(bent_priors(&heights.solution))
         .chain(heights.layer_shift.map(|shift| shifted_layer(&shift)))
         .chain(heights.ground.issue())
+}
+
+/// A warning that a photo's prior does not show what stands there by all others.
+fn disagreeing_prior(survey: &Survey, found: &DisagreeingView) -> Issue {
+    let message = format!(
+        "its prior does not show what the other photos' do: correlation {:.2} with the depth of the {} buildings measured in it, expected \
+         about {:.2}; it was left out",
+        found.correlation, found.n_buildings, found.usual
+    );
+    let hint = "is it the prior of this photo, in its orientation? Is the photo's pose right?";
+    let subject = Subject::View(survey.views[found.view].id.0.clone());
+    Issue::new(Severity::Warning, "prior_disagrees", subject, message).hint(hint)
 }
 
 /// A note on priors that were straightened along the ground.

@@ -41,7 +41,7 @@ pub struct CityPart<'a> {
     /// Absent where there is no building on known ground.
     scene: Option<SceneStage>,
     priors: PriorStore,
-    /// Footprints of the layer by their ids.
+    /// Footprints of the layer by their ids, and by those of their duplicates.
     by_id: HashMap<String, usize>,
     /// Decisions of people about its buildings.
     reviews: Reviews,
@@ -236,7 +236,12 @@ impl<'a> CityPart<'a> {
         priors.set_positions(positions);
         let priors = PriorStore::forgetful(config, priors, &survey);
         let ids = footprints.layer.footprints.iter().map(|f| f.id.0.clone());
-        let by_id = ids.zip(0..).collect();
+        let mut by_id: HashMap<String, usize> = ids.zip(0..).collect();
+        // A building that the layer has twice belongs where the one is that is measured.
+        for refused in &footprints.layer.refused {
+            let first = refused.duplicate_of.as_ref().and_then(|first| by_id.get(&first.0).copied());
+            by_id.extend(first.map(|at| (refused.id.0.clone(), at)));
+        }
         let reviews = about(&footprints, &reviews_of(config)?);
         Ok(Self { config, frame, survey, footprints, scene, priors, by_id, reviews })
     }

@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use serde_json::Value;
-use sizeup::simulate::{SimulateConfig, TownKind, simulate};
+use serde_json::{Value, json};
+use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind, simulate};
 
 use crate::tiny_scene::{N_BUILDINGS, Outcome, Scene, sizeup};
 
@@ -118,4 +118,140 @@ fn without_a_choice_of_priors_a_run_without_photos_says_what_is_missing() {
     let stereo =
         scene.sizeup(&[&flags[..], &["--prior-source", "stereo", "--priors", "x", "--prior-kind", "depth"]].concat());
     assert_eq!(stereo.code, 2, "{}", stereo.stderr);
+}
+
+/// A simulated town without photos.
+fn town(kind: TownKind, seed: u64, level: PriorLevel, n_views: usize) -> Scene {
+    let folder = tempfile::tempdir().unwrap();
+    let mut config = SimulateConfig { seed, ..SimulateConfig::default() };
+    (config.town.kind, config.town.n_buildings) = (kind, 20);
+    (config.flight.n_views, config.prior.level) = (Some(n_views), level);
+    (config.images.enabled, config.masks.enabled) = (false, false);
+    simulate(&config, folder.path(), &|_, _| {}).unwrap();
+    Scene::of(folder)
+}
+
+const PLAIN: [&str; 4] = ["--set", "output.pictures=false", "--set", "output.report.page=false"];
+
+/// Box around a footprint: west, south, east, north.
+fn box_of(feature: &Value) -> [f64; 4] {
+    let corners = feature["geometry"]["coordinates"][0].as_array().unwrap().iter();
+    corners.fold([f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY], |[w, s, e, n], corner| {
+        let (x, y) = (corner[0].as_f64().unwrap(), corner[1].as_f64().unwrap());
+        [w.min(x), s.min(y), e.max(x), n.max(y)]
+    })
+}
+
+/// Adds footprints on open ground, each like one of the layer, 3 m and more from all others.
+fn add_where_nothing_stands(features: &mut Vec<Value>) {
+    let mut boxes: Vec<[f64; 4]> = features.iter().map(box_of).collect();
+    for at in 0..6 {
+        let mut ways = (0..48).map(|i| {
+            let turn = f64::from(i % 12) * std::f64::consts::TAU / 12.0;
+            let far_m = 20.0 + 5.0 * f64::from(i / 12);
+            [far_m * turn.cos(), far_m * turn.sin()]
+        });
+        let [west, south, east, north] = box_of(&features[at]);
+        let free = ways.find(|[x, y]| {
+            boxes.iter().all(|b| {
+                west + x > b[2] + 3.0 || east + x < b[0] - 3.0 || south + y > b[3] + 3.0 || north + y < b[1] - 3.0
+            })
+        });
+        let Some([x, y]) = free else { continue };
+        let mut gone = features[at].clone();
+        gone["properties"]["id"] = json!(format!("gone{at}"));
+        for corner in
+            gone["geometry"]["coordinates"].as_array_mut().unwrap().iter_mut().flat_map(|r| r.as_array_mut().unwrap())
+        {
+            corner[0] = json!(corner[0].as_f64().unwrap() + x);
+            corner[1] = json!(corner[1].as_f64().unwrap() + y);
+        }
+        boxes.push([west + x, south + y, east + x, north + y]);
+        features.push(gone);
+    }
+}
+
+#[test]
+fn buildings_that_were_pulled_down_are_not_measured_and_open_ground_is_named() {
+    let scene = town(TownKind::Downtown, 43, PriorLevel::High, 40);
+    scene.change_footprints(add_where_nothing_stands);
+    let outcome = scene.run(&PLAIN);
+    assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
+    let gone: Vec<(String, String)> = scene.statuses().into_iter().filter(|(id, _)| id.starts_with("gone")).collect();
+    assert!(gone.len() >= 4, "{gone:?}");
+    assert!(gone.iter().all(|(_, status)| status != "measured"), "{gone:?}");
+    let found = buildings(&scene);
+    let is_open = |attributes: &Value| {
+        let mut reasons = attributes["reasons"].as_array().into_iter().flatten();
+        reasons.any(|reason| reason == "nothing_stands_here")
+    };
+    let (open, standing): (Vec<_>, Vec<_>) = found.iter().partition(|(id, _)| id.starts_with("gone"));
+    let n_open = open.iter().filter(|(_, attributes)| is_open(attributes)).count();
+    assert!(n_open >= 2, "{n_open} of {gone:?}");
+    let n_wrong = standing.iter().filter(|(_, attributes)| is_open(attributes)).count();
+    assert!(n_wrong <= 1, "{n_wrong} buildings that stand are said not to");
+    assert!(scene.issues("height_doubtful").iter().any(|issue| {
+        issue["message"].as_str().unwrap().contains("the bare ground explains them as well")
+            && issue["hint"].is_string()
+    }));
+}
+
+#[test]
+fn priors_of_other_photos_are_named_photo_by_photo_and_left_out() {
+    let scene = town(TownKind::Village, 41, PriorLevel::Mid, 50);
+    let mean_error_m = || {
+        let outcome = scene.sizeup(&["evaluate", "result/city.city.json", "truth.geojson", "--json"]);
+        let evaluated: Value = serde_json::from_str(&outcome.stdout).unwrap();
+        evaluated["all"]["error_mean_m"].as_f64().unwrap()
+    };
+    assert_eq!(scene.run(&PLAIN).code, 0);
+    assert_eq!(scene.issues("prior_disagrees"), Vec::<Value>::new(), "all priors are those of their photos");
+    let as_it_was_m = mean_error_m();
+    // Every second oblique photo has the prior of the next of these.
+    let oblique: Vec<String> = scene.stems().into_iter().filter(|stem| stem.ends_with("oblique")).collect();
+    let exchanged: Vec<&String> = oblique.iter().step_by(2).collect();
+    let priors: Vec<Vec<u8>> =
+        exchanged.iter().map(|stem| fs::read(scene.path(&format!("priors/{stem}.npy"))).unwrap()).collect();
+    for (i, stem) in exchanged.iter().enumerate() {
+        fs::write(scene.path(&format!("priors/{stem}.npy")), &priors[(i + 1) % priors.len()]).unwrap();
+    }
+    assert_eq!(scene.run(&PLAIN).code, 0);
+    let told = scene.issues("prior_disagrees");
+    let name_of = |issue: &Value| issue["subject"]["id"].as_str().unwrap().split('.').next().unwrap().to_owned();
+    let named: Vec<String> = told.iter().map(name_of).collect();
+    let wrong: Vec<&String> = named.iter().filter(|name| !exchanged.contains(name)).collect();
+    assert!(wrong.is_empty(), "{wrong:?} have their own priors");
+    // Views at the edge show too few buildings.
+    assert!(5 * named.len() >= 4 * exchanged.len(), "{} of {} named", named.len(), exchanged.len());
+    assert!(told[0]["message"].as_str().unwrap().contains("correlation") && told[0]["hint"].is_string());
+    let exchanged_m = mean_error_m();
+    assert!(
+        exchanged_m < as_it_was_m + 0.2,
+        "{as_it_was_m:.2} m with all priors, {exchanged_m:.2} m without half of them"
+    );
+}
+
+#[test]
+fn of_a_building_that_the_layer_has_twice_the_first_is_measured_and_the_other_refused() {
+    let scene = Scene::new();
+    assert!([0, 5].contains(&scene.run(&[]).code));
+    let before = scene.statuses();
+    scene.change_footprints(|features| {
+        for at in 0..2 {
+            let mut twin = features[at].clone();
+            twin["properties"]["id"] = json!(format!("{}-twin", features[at]["properties"]["id"].as_str().unwrap()));
+            features.push(twin);
+        }
+    });
+    let outcome = scene.run(&[]);
+    assert_eq!(outcome.code, 5, "{}", outcome.stderr);
+    let (twins, others): (Vec<_>, Vec<_>) = scene.statuses().into_iter().partition(|(id, _)| id.ends_with("-twin"));
+    assert_eq!(others, before);
+    assert!(twins.len() == 2 && twins.iter().all(|(_, status)| status == "refused"), "{twins:?}");
+    for issue in scene.issues("footprint_duplicate") {
+        let id = issue["subject"]["id"].as_str().unwrap();
+        assert!(issue["message"].as_str().unwrap().contains(id.trim_end_matches("-twin")) && issue["place"].is_array());
+    }
+    assert_eq!(scene.issues("footprint_duplicate").len(), 2);
+    assert!(scene.issues("footprint_overlap").is_empty());
 }

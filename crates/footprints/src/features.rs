@@ -234,6 +234,7 @@ impl<'a> FeatureReader<'a> {
             id: BuildingId(id),
             part_of: part_of.map(BuildingId),
             reason: refusal.code.to_owned(),
+            duplicate_of: None,
             attributes: feature.attributes.clone(),
         });
     }

@@ -10,6 +10,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::features::FeatureReader;
+use super::overlap::refuse_duplicates;
 use super::{FootprintLayer, osm, overlaps};
 use sizeup_geo::crs::{Crs, CrsError, Transform};
 use sizeup_geo::geodata::vector::{Feature, FeatureGeometry, VectorError};
@@ -237,6 +238,7 @@ pub fn read(config: &FootprintConfig, project_crs: &Crs) -> Result<FootprintLaye
         reader.add(i, feature);
     }
     let mut layer = reader.finish();
+    refuse_duplicates(&mut layer);
     layer.issues.extend(overlaps(&layer.footprints, config.overlap_warning_m2));
     Ok(layer)
 }

@@ -106,6 +106,9 @@ pub struct RefusedFootprint {
     pub part_of: Option<BuildingId>,
     /// Why it cannot be used: the code of the issue that tells the rest.
     pub reason: String,
+    /// The footprint that it lies on, where it is the same building once more.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub duplicate_of: Option<BuildingId>,
     /// The user's own attributes, carried through.
     #[serde(default)]
     pub attributes: JsonMap<String, Value>,

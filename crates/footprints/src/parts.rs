@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::features::FeatureReader;
 use super::layer::{check_config, settle_crs};
+use super::overlap::refuse_duplicates;
 use super::{FootprintConfig, FootprintError, FootprintLayer, osm, overlaps};
 use sizeup_geo::crs::{Crs, Transform};
 use sizeup_geo::geodata::vector::{Feature, VectorLayer};
@@ -69,7 +70,7 @@ impl<'a> LayerParts<'a> {
     }
 
     /// The footprints whose middle lies in a box (project CRS, metres), in the layer's order. `renamed` is what
-    /// [`Self::visit`] returned for the whole layer. What was refused is left out: it may have no place.
+    /// [`Self::visit`] returned for the whole layer. What `visit` refuses is left out: it may have no place.
     ///
     /// # Errors
     /// As [`crate::read`].
@@ -91,7 +92,9 @@ impl<'a> LayerParts<'a> {
         let mut layer = reader.finish();
         layer.footprints.retain(|f| f.middle().is_some_and(|middle| area.holds(middle)));
         layer.refused.clear();
-        layer.issues = overlaps(&layer.footprints, self.config.overlap_warning_m2);
+        layer.issues.clear();
+        refuse_duplicates(&mut layer);
+        layer.issues.extend(overlaps(&layer.footprints, self.config.overlap_warning_m2));
         Ok(layer)
     }
 }

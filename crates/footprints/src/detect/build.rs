@@ -73,6 +73,7 @@ impl LayerBuilder<'_> {
                         id,
                         part_of: None,
                         reason: defect.code().to_owned(),
+                        duplicate_of: None,
                         attributes: JsonMap::new(),
                     };
                     self.detection.layer.refused.push(refused);

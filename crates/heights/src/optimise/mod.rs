@@ -11,6 +11,7 @@ mod adam;
 mod bleed;
 mod calibrate;
 mod config;
+mod disagreeing;
 mod empty_space;
 mod evidence;
 mod footprint_shift;
@@ -44,6 +45,7 @@ mod wings;
 pub use config::{
     CalibrationRays, Gradient, Loss, MadGradient, OptimiseConfig, OrdinalConfig, Preset, Region, SearchConfig, StepOn,
 };
+pub use disagreeing::DisagreeingView;
 pub use footprint_shift::FootprintShift;
 pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};
 pub use layer_shift::LayerShift;

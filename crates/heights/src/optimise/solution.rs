@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::disagreeing::DisagreeingView;
 use super::footprint_shift::FootprintShift;
 use super::layer_shift::LayerShift;
 use super::levels::OtherLevel;
@@ -36,6 +37,11 @@ pub enum Reason {
     GroundDiffers,
     /// Nothing was seen of the building itself: the height is that of others.
     Guessed,
+    /// The ground without any building explains the priors as well.
+    NothingStandsHere,
+    /// Its footprint is small in the photos, and its height is that of a larger roof beside it, or many times its own width: the
+    /// photos may show another building there.
+    RoofOfNeighbour,
     /// With the heights as found its pixels stand in the wrong order: the pairs it is part of cost the margin or more on
     /// average, as if all were at one depth (`paper` only).
     WrongOrder,
@@ -58,6 +64,8 @@ impl Reason {
             Self::AboveAllAround => "above_all_around",
             Self::GroundDiffers => "ground_differs",
             Self::Guessed => "guessed",
+            Self::NothingStandsHere => "nothing_stands_here",
+            Self::RoofOfNeighbour => "roof_of_neighbour",
             Self::WrongOrder => "wrong_order",
         }
     }
@@ -257,6 +265,9 @@ pub struct Solution {
     /// heights are provisional until these are split and the scene is solved again.
     #[serde(default)]
     pub other_levels: Vec<OtherLevel>,
+    /// Views whose prior does not show what the others do, so that it was left out.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub disagreeing_views: Vec<DisagreeingView>,
     /// Selected views whose prior could not be loaded, and why.
     pub failed_views: Vec<(usize, String)>,
 }

@@ -87,6 +87,17 @@ impl Prism {
         moved
     }
 
+    /// The same drawn out along a way, metres: by nothing where a corner lies at `fixed` along it, by all of it at `free`.
+    #[must_use]
+    pub fn drawn_out(&self, by: Vec2, fixed: f32, free: f32) -> Self {
+        let along = by.normalize_or_zero();
+        let mut drawn = self.clone();
+        for corner in &mut drawn.corners {
+            *corner += (along.dot(*corner) - fixed) / (free - fixed) * by;
+        }
+        drawn
+    }
+
     /// The rings, closed, exterior first.
     pub fn rings(&self) -> impl Iterator<Item = &[Vec2]> {
         self.ring_starts.windows(2).map(|w| &self.corners[w[0]..w[1]])
@@ -299,6 +310,14 @@ mod tests {
         });
         assert_eq!(out, [Vec2::new(2.5, -2.5), Vec2::new(3.5, -1.5)]);
         assert_eq!(hole, [Vec2::new(3.5, -1.5), Vec2::new(2.5, -2.5)]);
+    }
+
+    #[test]
+    fn a_prism_is_drawn_out_on_one_side() {
+        let drawn = courtyard().drawn_out(Vec2::new(2.0, 0.0), 0.0, 10.0);
+        let bounds = drawn.bounds_below(1.0);
+        assert_eq!((bounds.min.x, bounds.max.x, bounds.max.y), (0.0, 12.0, 10.0));
+        assert_eq!(drawn.rings().nth(1).unwrap()[0], Vec2::new(3.6, 3.0), "the courtyard with it");
     }
 
     #[test]

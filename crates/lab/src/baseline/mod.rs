@@ -44,6 +44,7 @@ fn without_views(heights_m: Vec<Option<f64>>, doubt: Option<Reason>) -> Solution
         n_straightened: 0,
         layer_shift: None,
         other_levels: Vec::new(),
+        disagreeing_views: Vec::new(),
         failed_views: Vec::new(),
     }
 }

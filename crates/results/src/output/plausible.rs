@@ -42,7 +42,8 @@ impl CityDoubts {
         let has = |reason: &str| record.reasons.iter().any(|r| r == reason);
         self.n += 1;
         self.n_measured += usize::from(matches!(record.status, Status::Measured | Status::Reviewed));
-        self.n_at_end += usize::from(has("range_bound"));
+        // What is not there has the least height, whatever the range.
+        self.n_at_end += usize::from(has("range_bound") && !has("nothing_stands_here"));
         self.n_disagreeing += usize::from(has("conflicting_views"));
         if let Some(height_m) = record.height_m.filter(|_| has("above_all_around")) {
             self.n_above_all += 1;

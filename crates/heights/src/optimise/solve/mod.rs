@@ -13,6 +13,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::config::{OptimiseConfig, Preset};
+use super::disagreeing::DisagreeingView;
 use super::evidence::Evidence;
 use super::footprint_shift::FootprintShift;
 use super::layer_shift::LayerShift;
@@ -156,6 +157,8 @@ struct SolverState<'a> {
     /// By view; filled as selection asks for them.
     evidence: Vec<Option<Evidence<'a>>>,
     failed: Vec<Option<String>>,
+    /// By view: whether its prior shows something else than the others' (`robust`); it then takes no part.
+    disagreeing: Vec<Option<DisagreeingView>>,
     heights_m: Vec<f32>,
     findings: Vec<Option<Finding>>,
     /// By building: whether the ordinal loss ever had a slope by its height.
@@ -191,6 +194,7 @@ impl<'a> SolverState<'a> {
             config,
             evidence: (0..n_views).map(|_| None).collect(),
             failed: (0..n_views).map(why).collect(),
+            disagreeing: vec![None; n_views],
             views_config,
             heights_m: vec![0.0; n_buildings],
             findings: vec![None; n_buildings],

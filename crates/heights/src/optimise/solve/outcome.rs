@@ -35,6 +35,7 @@ impl SolverState<'_> {
             n_straightened,
             layer_shift: self.layer_shift,
             other_levels,
+            disagreeing_views: self.disagreeing.into_iter().flatten().collect(),
             failed_views,
         }
     }
@@ -146,6 +147,9 @@ impl SolverState<'_> {
             reasons,
         };
         solved.keep_within(bounds, self.config.height_reference);
+        if finding.is_some_and(|f| f.is_like_ground) {
+            solved.doubt(Reason::NothingStandsHere);
+        }
         solved
     }
 }

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::outcome::is_hopeless;
 use super::{Problem, SolverState, Solving};
 use crate::optimise::config::CalibrationRays;
+use crate::optimise::disagreeing::disagreeing;
 use crate::optimise::empty_space::{self, FoundView, KnownRays};
 use crate::optimise::footprint_shift::{FootprintShift, SettledScene};
 use crate::optimise::formed::FormedRoof;
@@ -21,6 +22,8 @@ use crate::scene::{Prism, Scene};
 const STEPS_PER_M: f32 = 1000.0;
 /// Local sweeps over heights that were looked for in the whole range again.
 const N_AFTER_LEAP: usize = 2;
+/// Rounds in which views that disagree are replaced by others, which may disagree too.
+const MAX_REPLACED: usize = 4;
 /// Less bleeding is left alone, pixels of the working image.
 const MIN_BLEEDING_PX: f64 = 0.5;
 
@@ -37,6 +40,7 @@ impl SolverState<'_> {
             }
             self.sweep(|_| true, SearchPass::linear(Range::Full), n_selected);
         }
+        n_selected = self.replace_disagreeing(n_selected);
         if config.measure_shift {
             let are_straightened = self.are_bent == Some(true);
             let stride_px = self.config.stride_px;
@@ -89,6 +93,29 @@ impl SolverState<'_> {
         }
         self.blind_m2 = self.blind_areas_m2();
         (self.problem.progress)(Solving::Epochs, n_sweeps, n_sweeps);
+    }
+
+    /// Leaves out the views whose prior shows something else than the others', and looks for all heights again in the views that take
+    /// their place. Returns how many views are selected then.
+    fn replace_disagreeing(&mut self, mut n_selected: usize) -> usize {
+        for _ in 0..MAX_REPLACED {
+            let mut scores = vec![Vec::new(); self.evidence.len()];
+            for finding in self.findings.iter().flatten() {
+                finding.by_view.iter().for_each(|(view, score)| scores[*view].push(*score));
+            }
+            let found = disagreeing(&scores);
+            if found.is_empty() {
+                break;
+            }
+            for disagreeing in found {
+                self.evidence[disagreeing.view] = None;
+                self.disagreeing[disagreeing.view] = Some(disagreeing);
+            }
+            n_selected = self.reselect().views.len();
+            self.findings.fill(None);
+            self.sweep(|_| true, SearchPass::linear(Range::Full), n_selected);
+        }
+        n_selected
     }
 
     /// Looks for the forms of the roofs that are asked for.

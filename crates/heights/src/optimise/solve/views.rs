@@ -52,7 +52,8 @@ impl SolverState<'_> {
 
     /// Visibility in each view with the present heights; `None` where it takes no part.
     pub(super) fn visibilities(&self) -> Vec<Option<Visibility>> {
-        let takes_part = |&v: &usize| self.problem.views[v].is_oblique && self.failed[v].is_none();
+        let takes_part =
+            |&v: &usize| self.problem.views[v].is_oblique && self.failed[v].is_none() && self.disagreeing[v].is_none();
         let taking_part: Vec<usize> = (0..self.problem.views.len()).filter(takes_part).collect();
         let placed: Vec<_> =
             taking_part.iter().map(|&v| (&self.problem.views[v].placed, self.problem.profiles(v))).collect();

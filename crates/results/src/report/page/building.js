@@ -12,6 +12,8 @@ const REASONS = {
   unseen_above: "No photo's depth looks through the space above it: it may be taller.",
   vegetation: "Nearly all that stands there is as green as leaves: trees over the roof, or a green roof.",
   above_all_around: "It stands far above all that is around.",
+  nothing_stands_here: "The photos show no building there: the bare ground explains them as well.",
+  roof_of_neighbour: "So small a footprint may show the roof of another building beside it.",
   ground_differs: "The photos show the ground around it elsewhere than the terrain has it.",
   ground_unknown: "The terrain has no height under it.",
 };
