@@ -211,7 +211,7 @@ pub fn refused_records(config: &RunConfig, refused: Vec<RefusedFootprint>) -> Ve
     let layer = FootprintLayer { refused, ..FootprintLayer::default() };
     let footprints = FootprintStage::of_layer(layer, Vec::new(), Vec::new());
     let heights = HeightStage::empty();
-    records(config, &Survey::default(), &footprints, &heights, &Reviews::default())
+    records(config, &Survey::default(), &footprints, (&heights, &GroundTold::default()), &Reviews::default())
 }
 
 impl<'a> CityPart<'a> {
@@ -285,11 +285,10 @@ impl<'a> CityPart<'a> {
         let mut ground = GroundTold::default();
         let heights = match &mut self.scene {
             Some(scene) => {
-                let mut heights = search.taking_apart(&mut footprints, scene, |stage, rays, optimise, known| {
+                let heights = search.taking_apart(&mut footprints, scene, |stage, rays, optimise, known| {
                     Ok(search.of_scene(stage, &self.priors, rays, optimise, known))
                 })?;
                 ground = ground_told::look(self.config, &self.survey, &footprints, scene, Some(*core));
-                ground.mark(&footprints, &heights.solved, &mut heights.solution);
                 heights
             }
             None => HeightStage::empty(),
@@ -298,7 +297,7 @@ impl<'a> CityPart<'a> {
         issues.extend(footprints.issues.iter().cloned());
         issues.extend(view_issues(&self.survey, &heights));
         Ok(PartHeights {
-            records: records(self.config, &self.survey, &footprints, &heights, &self.reviews),
+            records: records(self.config, &self.survey, &footprints, (&heights, &ground), &self.reviews),
             issues,
             used_views: heights.solution.used_views.iter().map(|&v| self.survey.views[v].id.clone()).collect(),
             ground: ground.around(core),

@@ -5,8 +5,10 @@
 mod ground;
 mod load;
 mod reproject;
+mod surface_model;
 
 pub use ground::{GroundConfig, GroundReference, ground_under};
 pub use load::{TerrainConfig, TerrainError, load};
 pub use reproject::MapBox;
+pub use surface_model::{SurfaceModel, surface_model};
 pub use sizeup_heights::terrain::{Dem, DemError, GroundLevel, Terrain};

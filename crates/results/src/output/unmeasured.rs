@@ -76,7 +76,7 @@ pub fn in_words(reason: &str) -> String {
         "unseen_above" => "no photo's depth looks through the space above it: it may be taller",
         "vegetation" => "nearly all that stands there is as green as leaves: trees over the roof, or a green roof",
         "above_all_around" => "it stands far above all that is around",
-        "ground_differs" => "the photos show the ground around it elsewhere than the terrain has it",
+        "ground_differs" => "the photos do not agree on the level of the ground around it",
         "ground_unknown" => "the terrain has no ground there",
         "reviewed" => "a person looked at it and settled its height",
         "reviewed_wrong" => "a person looked at it and found its height wrong",
@@ -90,7 +90,7 @@ fn advice(reason: &str) -> Option<&'static str> {
         "seen_by_no_view" | "too_few_views" => "more oblique photos of it would help",
         "range_bound" => "if buildings are higher or lower than that, set heights.max_m and heights.min_m",
         "above_all_around" => "if there is no tower, look at its footprint and its photos (`sizeup look`)",
-        "ground_differs" => "give a terrain model that fits, or [dtm] to make one from the photos",
+        "ground_differs" => "give a terrain model, or photos that show the ground beside it from more sides",
         "reviewed_wrong" => "correct its height in the review, or give it one with [output.fallback]",
         "vegetation" => "look at it in the photos: under trees the height is theirs, of a green roof it is its own",
         "unseen_above" | "conflicting_views" | "poor_score" | "flat_score" | "other_height" => {

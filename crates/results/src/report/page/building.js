@@ -12,7 +12,7 @@ const REASONS = {
   unseen_above: "No photo's depth looks through the space above it: it may be taller.",
   vegetation: "Nearly all that stands there is as green as leaves: trees over the roof, or a green roof.",
   above_all_around: "It stands far above all that is around.",
-  ground_differs: "The photos show the ground around it elsewhere than the terrain has it.",
+  ground_differs: "The photos do not agree on the level of the ground around it.",
   ground_unknown: "The terrain has no height under it.",
 };
 
