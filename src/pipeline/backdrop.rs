@@ -258,6 +258,8 @@ mod tests {
             base_z_m: Some(AT[2]),
             height_m: Some(9.0),
             height_sigma_m: None,
+            roof_sigma_m: None,
+            ground_sigma_m: None,
             party_wall_m2: None,
             footprint_shift: None,
             height_reference: HeightReference::Mean,

@@ -26,6 +26,7 @@ pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStag
             let layer = sizeup_footprints::read(layer, &config.project.crs)?;
             require_footprints(&layer)?;
             let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
+            require_bare_ground(config, &layer, &terrain.terrain)?;
             return Ok((on_ground(config, layer, &terrain), terrain.terrain));
         }
         FootprintSource::Masks(masks) => Box::new(MaskFiles::new(masks.clone())?),
@@ -91,6 +92,28 @@ fn require_footprints(layer: &sizeup_footprints::FootprintLayer) -> Result<(), P
     let n = layer.refused.len();
     let message = format!("none of the {n} footprints can be used: {}{first}", reasons.join(", "));
     Err(PipelineError::Mismatch { message: format!("[footprints] {message}"), hint })
+}
+
+/// Refuses a surface model given as terrain: ground would be taken from its roofs.
+fn require_bare_ground(
+    config: &RunConfig,
+    layer: &sizeup_footprints::FootprintLayer,
+    terrain: &Terrain,
+) -> Result<(), PipelineError> {
+    let polygons: Vec<_> = layer.footprints.iter().map(|f| &f.polygon).collect();
+    let Some(found) = terrain::surface_model(terrain, &polygons) else { return Ok(()) };
+    let terrain = terrain_in_force(config);
+    let path = terrain.dtm.as_deref().unwrap_or_else(|| std::path::Path::new("terrain"));
+    let message = format!(
+        "[terrain] {} is a surface model, with roofs on it: inside {} of {} footprints it stands 2 m or more ({:.1} m in the median) above \
+         the ground around them; expected bare ground (DTM)",
+        path.display(),
+        found.n_steps,
+        found.n,
+        found.step_m
+    );
+    let hint = "name a terrain model in `terrain.dtm`; without one, set `terrain.constant_m` to a rough level and photos find the ground";
+    Err(PipelineError::Mismatch { message, hint })
 }
 
 fn write(config: &RunConfig, found: &Detection, survey: &Survey) -> Result<(), PipelineError> {

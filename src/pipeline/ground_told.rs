@@ -1,13 +1,16 @@
-//! Whether the terrain is where the photos show the ground.
+//! Ground level of each building by the photos, as a correction of the terrain.
 //!
 //! ```text
 //! d_i      ground in the photos minus terrain, at squares of open ground between the buildings
-//! shift    median d_i                   told from 1 m and three standard errors of it
-//! pattern  median d_i of each ninth of the area, minus the shift; told by the same measure
+//! d, σ     level and standard deviation of a robust plane through the d_i around a building
+//! terrain  a model is corrected by d where |d| ≥ 0.5 m and 3 σ; one height for all is corrected wherever d is known
 //! ```
 //!
-//! An error of the terrain passes one to one into heights, and nothing else tells: the roofs may be right to a few decimetres
-//! meanwhile. Poses and photos are the same for roofs and ground, so what they are off by together cancels here.
+//! An error of the terrain passes one to one into heights, whereas roofs are measured in the photos and stay right. Poses and
+//! photos are the same for roofs and ground, so their common error cancels here.
+//!
+//! The whole area is reported too: the median of all d_i, and the ninth of the area that differs most from it, both from 1 m and
+//! three standard errors on.
 
 use std::collections::BTreeMap;
 
@@ -22,8 +25,7 @@ use super::FootprintStage;
 use super::stages::SceneStage;
 use crate::config::RunConfig;
 use sizeup_geo::issue::{Issue, Severity, Subject};
-use sizeup_geo::terrain::MapBox;
-use sizeup_heights::optimise::{Reason, Solution};
+use sizeup_geo::terrain::{MapBox, TerrainConfig};
 use sizeup_heights::stats;
 use sizeup_photos::dtm::{self, DtmConfig, SquareOutcome};
 use sizeup_photos::prior::Album;
@@ -31,11 +33,11 @@ use sizeup_survey::Survey;
 
 /// Squares that are looked at, about: spread evenly, no closer than those of a terrain model, and no farther apart than ground
 /// can be told by its neighbours, metres; in round numbers, so that a house more leaves them where they are.
-const N_SQUARES: f64 = 200.0;
+const N_SQUARES: f64 = 600.0;
 const MOST_SPACING_M: f64 = 40.0;
 const SPACING_STEP_M: f64 = 4.0;
 /// Squares that a square's neighbours are taken from, in spacings around it.
-const NEIGHBOURS: f64 = 5.4;
+const NEIGHBOURS: f64 = 10.0;
 /// Around the footprints, metres.
 const MARGIN_M: f64 = 30.0;
 /// Fewer squares with ground say nothing, of the whole or of a ninth of the area.
@@ -46,9 +48,21 @@ const TOLD_M: f64 = 1.0;
 const STANDARD_ERRORS: f64 = 3.0;
 /// Standard error of a median, in standard errors of a mean, for normal errors.
 const OF_MEDIAN: f64 = 1.2533;
-/// Squares that tell of a building's ground: so many, within so far, metres.
-const N_AROUND: usize = 4;
+/// Squares within this of a building give its ground, metres, weighted by a Gaussian of this width.
 const AROUND_M: f64 = 60.0;
+const WIDTH_M: f64 = 30.0;
+/// Where too few are there, squares within a multiple of both, with this much more standard deviation, metres.
+const FARTHER: f64 = 2.0;
+const FARTHER_SIGMA_M: f64 = 0.5;
+/// A terrain model is corrected from this on, metres and standard deviations: what a good one and matching differ by.
+const CORRECTED_M: f64 = 0.5;
+const CORRECTED_SIGMAS: f64 = 3.0;
+/// Standard deviation of a terrain model that the photos do not contradict, metres: a national laser-scanned one, with its cells.
+const MODEL_SIGMA_M: f64 = 0.3;
+/// Ground beside a building and under it differ by this, metres: kerbs, courts, light wells.
+const BESIDE_M: f64 = 0.15;
+/// A ground level less certain than this makes the height doubtful, metres.
+const UNSURE_M: f64 = 1.0;
 
 /// Terrain by the photos.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -92,7 +106,7 @@ pub(super) fn look(
     let spacing_m = stage.ground_spacing_m;
     let settings = DtmConfig { margin_m: MARGIN_M, spacing_m, ..DtmConfig::default() };
     let area = dtm::area(&survey.views, &polygons, &settings);
-    let area = core.map_or(area, |core| core.grown(AROUND_M + NEIGHBOURS * spacing_m).shared_with(&area));
+    let area = core.map_or(area, |core| core.grown(FARTHER * AROUND_M + NEIGHBOURS * spacing_m).shared_with(&area));
     // A photo that cannot be read is told of elsewhere.
     let Ok((squares, _)) = dtm::off_by(&survey.views, &polygons, &stage.terrain, area, &settings, &|_, _| ()) else {
         return GroundTold::default();
@@ -107,7 +121,7 @@ pub(super) fn look(
 impl GroundTold {
     /// Those of its places that tell of the ground of buildings in a core.
     pub(super) fn around(&self, core: &MapBox) -> Self {
-        let area = core.grown(AROUND_M);
+        let area = core.grown(FARTHER * AROUND_M);
         Self { off_m: self.off_m.iter().filter(|(at, _)| area.holds((at[0], at[1]))).copied().collect() }
     }
 
@@ -163,7 +177,7 @@ impl GroundTold {
             (false, None) => return None,
         };
         let subject = Subject::Input("terrain".to_owned());
-        let hint = "heights are off by as much: give a terrain model that fits, or [dtm] to make one from the photos";
+        let hint = "heights count from the ground that the photos show: check whether the terrain and the poses have one vertical datum";
         Some(Issue::new(Severity::Warning, code, subject, message).hint(hint))
     }
 
@@ -197,21 +211,59 @@ impl GroundTold {
         found.max_by(|a, b| (a.1 - shift_m).abs().total_cmp(&(b.1 - shift_m).abs()))
     }
 
-    /// Marks heights over ground that the terrain has elsewhere.
-    pub(super) fn mark(&self, footprints: &FootprintStage, solved: &[usize], solution: &mut Solution) {
+    /// Ground of some footprints by the squares around them, in their order.
+    pub(super) fn corrections(&self, footprints: &FootprintStage, terrain: &TerrainConfig) -> Vec<Option<GroundCorrection>> {
         let places = self.off_m.iter().map(|(at, off_m)| GeomWithData::new(*at, *off_m));
         let tree: RTree<GeomWithData<[f64; 2], f64>> = RTree::bulk_load(places.collect());
-        for (&at, height) in solved.iter().zip(&mut solution.heights) {
-            let Some(middle) = footprints.layer.footprints[at].polygon.centroid() else { continue };
+        let of = |polygon: &Polygon<f64>| {
+            let middle = polygon.centroid()?;
             let middle = DVec2::new(middle.x(), middle.y());
-            let near = tree.nearest_neighbor_iter(&middle.to_array()).take(N_AROUND);
-            let near = near.filter(|place| DVec2::from_array(*place.geom()).distance(middle) <= AROUND_M);
-            let off_m: Vec<f64> = near.map(|place| place.data).collect();
-            let is_off = off_m.len() == N_AROUND && stats::median(&off_m).is_some_and(|off_m| off_m.abs() >= TOLD_M);
-            if is_off && height.height_m.is_some() {
-                height.doubt(Reason::GroundDiffers);
-            }
+            let within = |wider: f64| {
+                let reach_m = wider * AROUND_M;
+                let near = tree.locate_within_distance(middle.to_array(), reach_m * reach_m);
+                let mut around: Vec<(DVec2, f64)> =
+                    near.map(|square| (DVec2::from_array(*square.geom()) - middle, square.data)).collect();
+                around.sort_by(|a, b| a.0.x.total_cmp(&b.0.x).then(a.0.y.total_cmp(&b.0.y)));
+                dtm::ground_level(&around, wider * WIDTH_M)
+            };
+            let (off_m, sigma_m) = within(1.0).or_else(|| {
+                let (off_m, sigma_m) = within(FARTHER)?;
+                Some((off_m, sigma_m.hypot(FARTHER_SIGMA_M)))
+            })?;
+            Some(GroundCorrection::of(off_m, sigma_m.hypot(BESIDE_M), terrain.dtm.is_some()))
+        };
+        let found: Vec<Option<GroundCorrection>> =
+            footprints.layer.footprints.iter().map(|footprint| of(&footprint.polygon)).collect();
+        let corrected: Vec<f64> = found.iter().flatten().map(|ground| ground.off_m.abs()).collect();
+        // One height that is wrong elsewhere is not to be trusted where no photo shows the ground.
+        let is_wrong = terrain.dtm.is_none() && stats::median(&corrected).is_some_and(|off_m| off_m >= CORRECTED_M);
+        let unknown = is_wrong.then_some(GroundCorrection { off_m: 0.0, sigma_m: stats::quantile(&corrected, 0.68).unwrap_or(0.0) });
+        found.into_iter().map(|ground| ground.or(unknown)).collect()
+    }
+}
+
+/// Correction of the terrain's level under a building.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct GroundCorrection {
+    /// Added to the terrain's level, metres.
+    pub off_m: f64,
+    /// Standard deviation of the corrected level, metres.
+    pub sigma_m: f64,
+}
+
+impl GroundCorrection {
+    /// Of ground that the photos show so far above the terrain, ± `sigma_m`; a model counts for something by itself, one height
+    /// for all does not.
+    fn of(off_m: f64, sigma_m: f64, is_model: bool) -> Self {
+        if !is_model || off_m.abs() >= CORRECTED_M.max(CORRECTED_SIGMAS * sigma_m) {
+            return Self { off_m, sigma_m };
         }
+        Self { off_m: 0.0, sigma_m: (sigma_m.powi(-2) + MODEL_SIGMA_M.powi(-2)).powf(-0.5) }
+    }
+
+    /// Whether the ground is too uncertain for its building's height to be `measured`.
+    pub fn is_unsure(&self) -> bool {
+        self.sigma_m >= UNSURE_M
     }
 }
 

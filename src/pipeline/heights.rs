@@ -108,7 +108,6 @@ impl<'a> HeightSearch<'a> {
         }
         let mut heights = self.taking_apart(footprints, stage, find)?;
         heights.ground = ground_told::look(self.config, &self.moved_survey(), footprints, stage, None);
-        heights.ground.mark(footprints, &heights.solved, &mut heights.solution);
         let (_, priors) = opened.into_inner().expect("taking apart solves at least once");
         Ok((heights, priors))
     }

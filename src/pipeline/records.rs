@@ -2,6 +2,8 @@
 
 use glam::DVec2;
 
+use super::dtm::terrain_in_force;
+use super::ground_told::{GroundCorrection, GroundTold};
 use super::{FootprintStage, HeightStage};
 use crate::config::{FootprintPlace, RunConfig};
 use sizeup_heights::frames::LocalOrigin;
@@ -19,10 +21,15 @@ pub(super) fn records(
     (config, bounds): (&RunConfig, HeightBounds),
     survey: &Survey,
     footprints: &FootprintStage,
-    heights: &HeightStage,
+    (heights, ground): (&HeightStage, &GroundTold),
     reviews: &Reviews,
 ) -> Vec<BuildingRecord> {
     let mut records = found(survey, footprints, heights, config.optimise.height_reference);
+    for (record, correction) in records.iter_mut().zip(ground.corrections(footprints, &terrain_in_force(config))) {
+        if let Some(correction) = correction {
+            set_on_ground(record, correction);
+        }
+    }
     if config.output.footprints == FootprintPlace::InPhotos {
         records.iter_mut().for_each(move_to_photos);
     }
@@ -53,6 +60,8 @@ fn found(
                 base_z_m: ground.map(|g| g.lowest_m),
                 height_m: solved.and_then(|s| s.height_m),
                 height_sigma_m: solved.and_then(|s| s.sigma_m),
+                roof_sigma_m: solved.and_then(|s| s.sigma_m),
+                ground_sigma_m: None,
                 party_wall_m2: None,
                 footprint_shift: total_shift(solved, heights.layer_shift),
                 height_reference,
@@ -78,6 +87,8 @@ fn found(
         base_z_m: None,
         height_m: None,
         height_sigma_m: None,
+        roof_sigma_m: None,
+        ground_sigma_m: None,
         party_wall_m2: None,
         footprint_shift: None,
         height_reference,
@@ -88,6 +99,42 @@ fn found(
         attributes: refused.attributes.clone(),
     });
     with_footprint.chain(without).collect()
+}
+
+/// Corrects the ground of a building: its roof stays where it is.
+fn set_on_ground(record: &mut BuildingRecord, correction: GroundCorrection) {
+    let GroundCorrection { off_m, sigma_m } = correction;
+    let raise = |z_m: &mut f64| *z_m += off_m;
+    let lower = |height_m: &mut f64| *height_m -= off_m;
+    record.ground_z_m.iter_mut().for_each(raise);
+    record.base_z_m.iter_mut().for_each(raise);
+    record.ground_sigma_m = record.ground_z_m.map(|_| sigma_m);
+    if record.height_m.is_none() {
+        return;
+    }
+    record.height_m.iter_mut().for_each(lower);
+    record.height_sigma_m.iter_mut().for_each(|of_roof_m| *of_roof_m = of_roof_m.hypot(sigma_m));
+    if let Some(roof) = &mut record.roof {
+        lower(&mut roof.eave_height_m);
+        lower(&mut roof.ridge_height_m);
+        if let Some(gable) = roof.step.as_mut().and_then(|step| step.gable.as_mut()) {
+            lower(&mut gable.eave_m);
+        }
+    }
+    if correction.is_unsure() {
+        doubt(record, Reason::GroundDiffers);
+    }
+}
+
+/// Adds a reason to look at a height again.
+fn doubt(record: &mut BuildingRecord, reason: Reason) {
+    let code = reason.code();
+    if let Err(at) = record.reasons.binary_search_by(|known| known.as_str().cmp(code)) {
+        record.reasons.insert(at, code.to_owned());
+    }
+    if record.status == Status::Measured {
+        record.status = Status::Doubtful;
+    }
 }
 
 /// Moves a footprint that is off, and the step of its roof, to where the photos show the building.

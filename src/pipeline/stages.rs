@@ -147,7 +147,7 @@ fn run_marked(
 
     let start = Instant::now();
     tell(Event::Stage(Stage::Output));
-    let records = records((config, stage.scene.bounds), &survey, &footprints, &heights, reviews);
+    let records = records((config, stage.scene.bounds), &survey, &footprints, (&heights, &heights.ground), reviews);
     let mut issues = all_issues(config, &survey, &footprints, &heights);
     issues.extend(reviews.unmatched(records.as_slice())?);
     issues.extend(cityjson::check(&records, &config.output.cityjson)?);

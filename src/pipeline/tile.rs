@@ -213,7 +213,8 @@ pub fn refused_records(config: &RunConfig, refused: Vec<RefusedFootprint>) -> Ve
     let heights = HeightStage::empty();
     // Without a ground none of them takes a height.
     let bounds = config.heights.bounds(0.0);
-    records((config, bounds), &Survey::default(), &footprints, &heights, &Reviews::default())
+    let heights = (&heights, &GroundTold::default());
+    records((config, bounds), &Survey::default(), &footprints, heights, &Reviews::default())
 }
 
 impl<'a> CityPart<'a> {
@@ -292,11 +293,10 @@ impl<'a> CityPart<'a> {
         let mut ground = GroundTold::default();
         let heights = match &mut self.scene {
             Some(scene) => {
-                let mut heights = search.taking_apart(&mut footprints, scene, |stage, rays, optimise, known| {
+                let heights = search.taking_apart(&mut footprints, scene, |stage, rays, optimise, known| {
                     Ok(search.of_scene(stage, &self.priors, rays, optimise, known))
                 })?;
                 ground = ground_told::look(self.config, &self.survey, &footprints, scene, Some(*core));
-                ground.mark(&footprints, &heights.solved, &mut heights.solution);
                 heights
             }
             None => HeightStage::empty(),
@@ -305,7 +305,13 @@ impl<'a> CityPart<'a> {
         issues.extend(footprints.issues.iter().cloned());
         issues.extend(view_issues(&self.survey, &heights));
         Ok(PartHeights {
-            records: records((self.config, self.frame.bounds), &self.survey, &footprints, &heights, &self.reviews),
+            records: records(
+                (self.config, self.frame.bounds),
+                &self.survey,
+                &footprints,
+                (&heights, &ground),
+                &self.reviews,
+            ),
             issues,
             used_views: heights.solution.used_views.iter().map(|&v| self.survey.views[v].id.clone()).collect(),
             ground: ground.around(core),

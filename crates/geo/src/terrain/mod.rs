@@ -5,9 +5,11 @@
 mod ground;
 mod load;
 mod reproject;
+mod surface_model;
 mod voids;
 
 pub use ground::{GroundConfig, GroundReference, ground_under};
 pub use load::{LoadedTerrain, TerrainConfig, TerrainError, height_unit_m, load, load_with_issues};
 pub use reproject::MapBox;
+pub use surface_model::{SurfaceModel, surface_model};
 pub use sizeup_heights::terrain::{Dem, DemError, GroundLevel, Terrain};

@@ -33,7 +33,7 @@ pub enum Reason {
     Vegetation,
     /// It stands far above all that is around, and the photos have not refined it.
     AboveAllAround,
-    /// The photos show the ground around it elsewhere than the terrain has it.
+    /// The photos do not agree on the level of the ground around it.
     GroundDiffers,
     /// Nothing was seen of the building itself: the height is that of others.
     Guessed,

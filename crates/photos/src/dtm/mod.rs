@@ -10,6 +10,7 @@
 
 mod patch;
 mod surface;
+mod trend;
 
 use std::sync::Arc;
 
@@ -22,6 +23,8 @@ use rstar::primitives::{GeomWithData, Rectangle};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use self::surface::ground_level;
+use self::trend::GroundTrend;
 use crate::photo_consistency::{FLATTEST, choose};
 use crate::prior::{Album, Picture, PriorError};
 use sizeup_geo::terrain::{Dem, DemError, MapBox, Terrain};
@@ -95,6 +98,14 @@ pub struct GroundSquare {
 }
 
 impl GroundSquare {
+    /// Height at which the photos agree, whether that is ground or not, metres.
+    fn height_m(&self) -> Option<f64> {
+        match self.outcome {
+            SquareOutcome::Ground(z_m) | SquareOutcome::Outlier(z_m) => Some(z_m),
+            SquareOutcome::Unclear | SquareOutcome::Unseen => None,
+        }
+    }
+
     fn raised(self, by_m: f64) -> Self {
         let outcome = match self.outcome {
             SquareOutcome::Ground(z_m) => SquareOutcome::Ground(z_m + by_m),
@@ -162,6 +173,11 @@ pub const PICTURE_BYTES: usize = 1 << 30;
 /// Squares are looked at block by block of this side, metres, and so many together.
 const BLOCK_M: f64 = 250.0;
 const N_TOGETHER: usize = 64;
+/// Squares off the trend of the ground are searched again within this of it, metres, in so many rounds, until a round finds
+/// less than one in `FEW_SHARE`.
+const NEAR_TREND_M: f64 = 3.0;
+const MAX_ROUNDS: usize = 4;
+const FEW_SHARE: usize = 50;
 /// Fewer squares than this make no surface.
 const MIN_SQUARES: usize = 12;
 
@@ -230,27 +246,50 @@ pub fn off_by(
         .collect();
     let album = Album::new(config.long_side_px, PICTURE_BYTES);
     let n_done = std::sync::atomic::AtomicUsize::new(0);
-    let look = |near: &DVec3| {
-        let chosen = choose(&with_photo, *near, config.n_views, FLATTEST, |_| true);
+    // A square with its position among the places, searched around a level above the rough terrain.
+    let look = |i: usize, level_m: f64, within_m: f64| {
+        let near = places[i] + level_m * DVec3::Z;
+        let chosen = choose(&with_photo, near, config.n_views, FLATTEST, |_| true);
         let seen_in: Vec<_> = chosen.iter().map(|&view| album.picture(with_photo[view])).collect::<Result<_, _>>()?;
         let seen_in: Vec<&Picture> = seen_in.iter().map(|picture: &Arc<Picture>| &**picture).collect();
-        let outcome = patch::height(&seen_in, *near, config);
-        progress(n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, places.len());
-        Ok(GroundSquare { at: near.truncate(), outcome })
+        let outcome = patch::height(&seen_in, near, within_m, config);
+        let square = GroundSquare { at: near.truncate(), outcome };
+        Ok((i, square.raised(-places[i].z)))
     };
-    let mut squares = vec![None; places.len()];
-    for together in by_block(&places).chunks(N_TOGETHER) {
-        let looked: Vec<(usize, GroundSquare)> = together
-            .par_iter()
-            .map(|&i| look(&places[i]).map(|square| (i, square)))
-            .collect::<Result<_, PriorError>>()?;
-        looked.into_iter().for_each(|(i, square)| squares[i] = Some(square));
+    let look_at_all = |wanted: &[(usize, f64)], within_m: f64, squares: &mut [GroundSquare], counts: bool| {
+        for together in wanted.chunks(N_TOGETHER) {
+            let looked: Vec<(usize, GroundSquare)> = together
+                .par_iter()
+                .map(|&(i, level_m)| look(i, level_m, within_m))
+                .inspect(|_| {
+                    if counts {
+                        progress(n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, places.len());
+                    }
+                })
+                .collect::<Result<_, PriorError>>()?;
+            looked.into_iter().for_each(|(i, square)| squares[i] = square);
+        }
+        Ok::<(), DtmError>(())
+    };
+    let order = by_block(&places);
+    let unseen = |at: &DVec3| GroundSquare { at: at.truncate(), outcome: SquareOutcome::Unseen };
+    let mut squares: Vec<GroundSquare> = places.iter().map(unseen).collect();
+    let all: Vec<(usize, f64)> = order.iter().map(|&i| (i, 0.0)).collect();
+    look_at_all(&all, config.within_m, &mut squares, true)?;
+    let mut trend = GroundTrend::of(&squares, config.spacing_m);
+    for _ in 0..MAX_ROUNDS {
+        // Ground beyond the range that was searched, or not clear within it, lies near the trend.
+        let is_unclear = |i: &&usize| squares[**i].outcome == SquareOutcome::Unclear;
+        let unclear = order.iter().filter(is_unclear);
+        let again: Vec<(usize, f64)> = unclear.filter_map(|&i| Some((i, trend.at(squares[i].at)?))).collect();
+        look_at_all(&again, NEAR_TREND_M, &mut squares, false)?;
+        let n_new = again.iter().filter(|(i, _)| squares[*i].height_m().is_some()).count();
+        trend = GroundTrend::of(&squares, config.spacing_m);
+        if n_new * FEW_SHARE < squares.len() {
+            break;
+        }
     }
-    let squares: Vec<GroundSquare> = squares.into_iter().flatten().collect();
-    // All that follows is about what the rough level is off by.
-    let rough_m = |at: DVec2| rough.height_at(at.x, at.y).unwrap_or(f64::NAN);
-    let mut squares: Vec<GroundSquare> = squares.into_iter().map(|s| s.raised(-rough_m(s.at))).collect();
-    let sigma_m = surface::leave_out_what_stands_above(&mut squares, config.spacing_m);
+    let sigma_m = surface::leave_out_what_stands_above(&mut squares, &trend, config.spacing_m);
     Ok((squares, sigma_m))
 }
 

@@ -9,8 +9,8 @@ use crate::prior::Picture;
 /// Samples along a side of the square.
 const SAMPLES: std::ops::RangeInclusive<f64> = 8.0..=20.0;
 
-/// The square's height around a rough one.
-pub(super) fn height(pictures: &[&Picture], near: DVec3, config: &DtmConfig) -> SquareOutcome {
+/// Height of a square, searched up to `within_m` above and below a rough one.
+pub(super) fn height(pictures: &[&Picture], near: DVec3, within_m: f64, config: &DtmConfig) -> SquareOutcome {
     if pictures.len() < 3 {
         return SquareOutcome::Unseen;
     }
@@ -20,7 +20,7 @@ pub(super) fn height(pictures: &[&Picture], near: DVec3, config: &DtmConfig) -> 
     let square = (0..n_side).flat_map(|row| (0..n_side).map(move |col| (row, col)));
     let square: Vec<DVec3> =
         square.map(|(row, col)| near + DVec2::new(offset_m(col), offset_m(row)).extend(0.0)).collect();
-    match PhotoConsistency::new(pictures, &square, config.within_m, gsd_m).peak() {
+    match PhotoConsistency::new(pictures, &square, within_m, gsd_m).peak() {
         Some(peak) if peak.score > config.min_score && peak.lead > config.min_margin => {
             SquareOutcome::Ground(near.z + peak.raised_m)
         }

@@ -11,8 +11,8 @@ use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
+use super::trend::GroundTrend;
 use super::{DtmConfig, GroundSquare, SquareOutcome};
-use sizeup_geo::groups::Groups;
 use sizeup_geo::terrain::{Dem, DemError, MapBox, Terrain};
 use sizeup_heights::raster::Raster;
 use sizeup_heights::stats;
@@ -32,35 +32,15 @@ const LEAST_SIGMA_M: f64 = 0.05;
 const OUTLIER_SIGMAS: f64 = 3.0;
 const OUTLIER_M: f64 = 0.4;
 
-/// Squares agree on a level if they differ by no more than this: a fixed part, metres, and a slope.
-const AGREE_M: f64 = 0.5;
-const AGREE_SLOPE: f64 = 0.03;
-/// A square with less than this share of the greatest agreement around it belongs to no ground.
-const MIN_AGREEMENT_SHARE: f64 = 0.5;
-/// Squares close by are on one patch if they differ by no more than this: a fixed part, metres, and a slope steeper than hills have.
-const STEP_M: f64 = 2.0;
-const STEP_SLOPE: f64 = 0.2;
-/// How far from one to the next square of a patch, in spacings.
-const STEP_REACH: f64 = 2.5;
-/// A patch above all around that is no larger than this, m², and than this share of the largest, is roofs; others are terraces.
-const LARGEST_ROOF_M2: f64 = 10_000.0;
-const LARGEST_ROOF_SHARE: f64 = 0.25;
-/// It stands above the nearest squares of the largest by a step and by so many times that patch's own slope: the median over squares that
-/// are so far apart, in spacings.
-const N_BELOW: usize = 3;
-const SLOPES: f64 = 3.0;
-const SLOPE_OVER: [f64; 2] = [3.0, 6.0];
-
 /// The surface stays within this of the squares around it, metres.
 const BEYOND_M: f64 = 0.5;
 
 type HeightTree = RTree<GeomWithData<[f64; 2], f64>>;
 
 /// Marks squares that their neighbours contradict; returns the spread of the others around their neighbours' planes, metres.
-pub(super) fn leave_out_what_stands_above(squares: &mut [GroundSquare], spacing_m: f64) -> f64 {
+pub(super) fn leave_out_what_stands_above(squares: &mut [GroundSquare], trend: &GroundTrend, spacing_m: f64) -> f64 {
     let bandwidth_m = BANDWIDTH * spacing_m;
-    leave_out_what_few_agree_with(squares, bandwidth_m);
-    leave_out_roofs(squares, spacing_m);
+    trend.leave_out_what_is_off(squares);
     let heights = heights(squares);
     let against = |square: &GroundSquare| {
         let SquareOutcome::Ground(z_m) = square.outcome else { return None };
@@ -83,101 +63,6 @@ pub(super) fn leave_out_what_stands_above(squares: &mut [GroundSquare], spacing_
         }
     }
     stats::SIGMA_PER_MAD * stats::median(&kept).unwrap_or(f64::NAN)
-}
-
-/// Marks squares at odds with the level that most squares around them agree on: false matches are anywhere, ground is not.
-fn leave_out_what_few_agree_with(squares: &mut [GroundSquare], bandwidth_m: f64) {
-    let heights = heights(squares);
-    let agreement = |square: &GroundSquare| {
-        let SquareOutcome::Ground(z_m) = square.outcome else { return 0.0 };
-        let agrees =
-            |(offset, other_m): &(DVec2, f64)| (other_m - z_m).abs() <= AGREE_M + AGREE_SLOPE * offset.length();
-        let neighbours: Vec<_> = around(&heights, square.at, bandwidth_m).collect();
-        // A share, as there are fewer at the border.
-        neighbours.iter().filter(|n| agrees(n)).count() as f64 / neighbours.len().max(1) as f64
-    };
-    let agreements: Vec<f64> = squares.par_iter().map(agreement).collect();
-    let places = squares.iter().zip(&agreements).map(|(s, &share)| GeomWithData::new(s.at.to_array(), share));
-    let tree: RTree<GeomWithData<[f64; 2], f64>> = RTree::bulk_load(places.collect());
-    let reach_m = REACH * bandwidth_m;
-    for (square, &share) in squares.iter_mut().zip(&agreements) {
-        let SquareOutcome::Ground(z_m) = square.outcome else { continue };
-        let close = tree.locate_within_distance(square.at.to_array(), reach_m * reach_m);
-        let greatest = close.map(|other| other.data).fold(0.0, f64::max);
-        if share < MIN_AGREEMENT_SHARE * greatest {
-            square.outcome = SquareOutcome::Outlier(z_m);
-        }
-    }
-}
-
-/// Marks patches that stand above the ground by a step, and are no larger than a building: roofs without a footprint, on which all
-/// squares agree.
-fn leave_out_roofs(squares: &mut [GroundSquare], spacing_m: f64) {
-    let known: Vec<(usize, DVec2, f64)> = squares
-        .iter()
-        .enumerate()
-        .filter_map(|(i, square)| match square.outcome {
-            SquareOutcome::Ground(z_m) => Some((i, square.at, z_m)),
-            _ => None,
-        })
-        .collect();
-    let patches = patches(&known, STEP_REACH * spacing_m);
-    let Some(largest) = patches.iter().max_by_key(|patch| patch.len()) else { return };
-    let most = (LARGEST_ROOF_M2 / (spacing_m * spacing_m)).min(LARGEST_ROOF_SHARE * largest.len() as f64);
-    let below = largest.iter().map(|&i| GeomWithData::new(known[i].1.to_array(), known[i].2));
-    let below: HeightTree = RTree::bulk_load(below.collect());
-    let Some(slope) = slope(&below, SLOPE_OVER.map(|over| over * spacing_m)) else { return };
-    for patch in patches.iter().filter(|patch| patch.len() as f64 <= most) {
-        let above = patch.iter().map(|&i| {
-            let (_, at, z_m) = known[i];
-            let near: Vec<_> = below.nearest_neighbor_iter(&at.to_array()).take(N_BELOW).collect();
-            let distance_m = near.last().map_or(0.0, |square| DVec2::from_array(*square.geom()).distance(at));
-            let below_m = stats::median(&near.iter().map(|square| square.data).collect::<Vec<_>>()).unwrap_or(z_m);
-            z_m - below_m - STEP_M - SLOPES * slope * distance_m
-        });
-        if stats::median(&above.collect::<Vec<_>>()).is_some_and(|above_m| above_m > 0.0) {
-            for &i in patch {
-                let (square, _, z_m) = known[i];
-                squares[square].outcome = SquareOutcome::Outlier(z_m);
-            }
-        }
-    }
-}
-
-/// Squares that are joined by no steps, as positions among them.
-fn patches(known: &[(usize, DVec2, f64)], reach_m: f64) -> Vec<Vec<usize>> {
-    let places = known.iter().enumerate().map(|(i, (_, at, _))| GeomWithData::new(at.to_array(), i));
-    let tree: RTree<GeomWithData<[f64; 2], usize>> = RTree::bulk_load(places.collect());
-    let mut groups = Groups::new(known.len());
-    for (i, (_, at, z_m)) in known.iter().enumerate() {
-        for other in tree.locate_within_distance(at.to_array(), reach_m * reach_m) {
-            let (_, other_at, other_m) = known[other.data];
-            if (other_m - z_m).abs() <= step_m(other_at.distance(*at)) {
-                groups.join(i, other.data);
-            }
-        }
-    }
-    let mut patches = vec![Vec::new(); known.len()];
-    (0..known.len()).for_each(|i| patches[groups.first_of(i)].push(i));
-    patches.retain(|patch| !patch.is_empty());
-    patches
-}
-
-/// Median slope between squares that are so far apart, metres; `None` where there are none.
-fn slope(squares: &HeightTree, [from_m, to_m]: [f64; 2]) -> Option<f64> {
-    let of_square = |square: &GeomWithData<[f64; 2], f64>| {
-        let at = DVec2::from_array(*square.geom());
-        let others = squares.locate_within_distance(at.to_array(), to_m * to_m);
-        let slopes = others.map(|other| (DVec2::from_array(*other.geom()).distance(at), other.data - square.data));
-        let slopes = slopes.filter(|(distance_m, _)| *distance_m >= from_m).map(|(d_m, z_m)| z_m.abs() / d_m);
-        stats::median(&slopes.collect::<Vec<_>>())
-    };
-    stats::median(&squares.iter().filter_map(of_square).collect::<Vec<_>>())
-}
-
-/// Greatest difference between neighbours on one patch, metres.
-fn step_m(distance_m: f64) -> f64 {
-    STEP_M + STEP_SLOPE * distance_m
 }
 
 /// The model over an area, from what the squares say that a rough one is off by. A level has no value farther from ground
@@ -257,6 +142,24 @@ fn around(heights: &HeightTree, place: DVec2, bandwidth_m: f64) -> impl Iterator
     close.map(move |square| (DVec2::from_array(*square.geom()) - place, square.data))
 }
 
+/// Level of the ground at a place and its standard deviation, metres, from the offsets (metres) and heights of squares of ground around
+/// it. `None` of fewer than five squares.
+///
+/// ```text
+/// σ² = s² · (1 + |m|² / v) / n      s: spread around the plane, n: squares by weight, m, v: mean and variance of their offsets
+/// ```
+#[must_use]
+pub fn ground_level(neighbours: &[(DVec2, f64)], bandwidth_m: f64) -> Option<(f64, f64)> {
+    let (level_m, spread_m) = robust_level(neighbours, bandwidth_m)?;
+    let weight = |offset: DVec2| (-0.5 * (offset / bandwidth_m).length_squared()).exp();
+    let n: f64 = neighbours.iter().map(|(offset, _)| weight(*offset)).sum();
+    let mean = neighbours.iter().map(|(offset, _)| *offset * weight(*offset)).sum::<DVec2>() / n;
+    let variance =
+        neighbours.iter().map(|(offset, _)| (*offset - mean).length_squared() * weight(*offset)).sum::<f64>() / n;
+    let beside = 1.0 + mean.length_squared() / variance.max(1.0);
+    Some((level_m, spread_m * (beside / n).sqrt()))
+}
+
 /// Level of the surface below what stands on it, and its spread, metres.
 fn robust_level(neighbours: &[(DVec2, f64)], bandwidth_m: f64) -> Option<(f64, f64)> {
     if neighbours.len() < MIN_NEIGHBOURS {
@@ -273,7 +176,7 @@ fn robust_level(neighbours: &[(DVec2, f64)], bandwidth_m: f64) -> Option<(f64, f
 }
 
 /// The weighted plane through heights: slopes along x and y, and the level at offset 0.
-fn plane(samples: &[(DVec2, f64)], bandwidth_m: f64, weight: impl Fn(&(DVec2, f64)) -> f64) -> Option<DVec3> {
+pub(super) fn plane(samples: &[(DVec2, f64)], bandwidth_m: f64, weight: impl Fn(&(DVec2, f64)) -> f64) -> Option<DVec3> {
     let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
     for sample in samples {
         let scaled = sample.0 / bandwidth_m;

@@ -55,7 +55,7 @@ impl Field {
 
 /// Our own attributes in the order in which they are written; the id comes before them. Names are told apart by their
 /// first ten characters, which is all that a Shapefile keeps.
-pub const FIELDS: [Field; 29] = {
+pub const FIELDS: [Field; 31] = {
     use ColumnKind::{Integer, Real, Text};
     [
         Field::new(
@@ -86,6 +86,17 @@ pub const FIELDS: [Field; 29] = {
         Field::new("height_sigma_m", "Height sigma (m)", Real, "One standard deviation of height_m, metres", |b, _| {
             known(b.height_sigma_m)
         }),
+        Field::new("roof_sigma_m", "Roof level sigma (m)", Real, "One standard deviation of roof_z_m, metres", |b, _| {
+            known(b.roof_sigma_m)
+        }),
+        Field::new(
+            "ground_sigma_m",
+            "Ground sigma (m)",
+            Real,
+            "One standard deviation of ground_z_m, metres; empty where no photo shows the ground around the building: height_sigma_m is then \
+             that of the roof level alone",
+            |b, _| known(b.ground_sigma_m),
+        ),
         Field::new(
             "height_reference",
             "Height stands for",

@@ -97,8 +97,14 @@ pub struct BuildingRecord {
     pub base_z_m: Option<f64>,
     /// Roof level minus ground level.
     pub height_m: Option<f64>,
-    /// One standard deviation of `height_m`, where it could be estimated.
+    /// One standard deviation of `height_m`, where it could be estimated: of the roof's level and the ground's together.
     pub height_sigma_m: Option<f64>,
+    /// One standard deviation of the roof's level, metres, where it could be estimated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub roof_sigma_m: Option<f64>,
+    /// One standard deviation of `ground_z_m`, metres, where the photos show the ground around the building.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ground_sigma_m: Option<f64>,
     /// Which height of a pitched roof `height_m` is.
     pub height_reference: HeightReference,
     /// The form of its roof, where the method looks for one.
@@ -134,6 +140,8 @@ impl BuildingRecord {
             base_z_m: Some(ground_z_m),
             height_m: Some(height_m),
             height_sigma_m: None,
+            roof_sigma_m: None,
+            ground_sigma_m: None,
             height_reference: HeightReference::Mean,
             roof: None,
             party_wall_m2: None,

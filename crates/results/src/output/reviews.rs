@@ -170,6 +170,7 @@ impl Review {
             record.height_m = height_m;
         }
         record.height_sigma_m = self.sigma_m.filter(|_| height_m.is_some());
+        record.roof_sigma_m = None;
         let (status, reason) =
             if height_m.is_some() { (Status::Reviewed, REVIEWED) } else { (Status::Unknown, REVIEWED_WRONG) };
         record.status = status;

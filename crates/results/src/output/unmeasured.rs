@@ -87,7 +87,7 @@ pub fn in_words(reason: &str) -> String {
         "above_all_around" => "it stands far above all that is around",
         "nothing_stands_here" => "the photos show no building there: the bare ground explains them as well",
         "roof_of_neighbour" => "so small a footprint may show the roof of another building beside it",
-        "ground_differs" => "the photos show the ground around it elsewhere than the terrain has it",
+        "ground_differs" => "the photos do not agree on the level of the ground around it",
         "ground_unknown" => "the terrain has no ground there",
         "footprint_duplicate" => "another footprint of the layer is the same building",
         "reviewed" => "a person looked at it and settled its height",
@@ -109,7 +109,7 @@ fn advice(reason: &str) -> Option<&'static str> {
         "above_all_around" => "if there is no tower, look at its footprint and its photos (`sizeup look`)",
         "nothing_stands_here" => "if it was pulled down, take its footprint out of the layer",
         "roof_of_neighbour" => "look at it in the photos; a building beside it may be missing in the layer",
-        "ground_differs" => "give a terrain model that fits, or [dtm] to make one from the photos",
+        "ground_differs" => "give a terrain model, or photos that show the ground beside it from more sides",
         "reviewed_wrong" => "correct its height in the review, or give it one with [output.fallback]",
         "vegetation" => "look at it in the photos: under trees the height is theirs, of a green roof it is its own",
         "unseen_above" | "conflicting_views" | "poor_score" | "flat_score" | "other_height" => {

@@ -222,6 +222,8 @@ mod tests {
             base_z_m: None,
             height_m: None,
             height_sigma_m: None,
+            roof_sigma_m: None,
+            ground_sigma_m: None,
             party_wall_m2: None,
             footprint_shift: None,
             height_reference: crate::output::HeightReference::Mean,

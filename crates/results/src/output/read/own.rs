@@ -50,6 +50,8 @@ impl FoundBuilding {
             base_z_m: number("base_z_m").or(ground_z_m),
             height_m,
             height_sigma_m: number("height_sigma_m"),
+            roof_sigma_m: number("roof_sigma_m"),
+            ground_sigma_m: number("ground_sigma_m"),
             party_wall_m2: number("party_wall_area_m2"),
             footprint_shift: self.footprint_shift(),
             height_reference: self.named("height_reference").unwrap_or(HeightReference::Mean),

@@ -14,7 +14,7 @@ const REASONS = {
   above_all_around: "It stands far above all that is around.",
   nothing_stands_here: "The photos show no building there: the bare ground explains them as well.",
   roof_of_neighbour: "So small a footprint may show the roof of another building beside it.",
-  ground_differs: "The photos show the ground around it elsewhere than the terrain has it.",
+  ground_differs: "The photos do not agree on the level of the ground around it.",
   ground_unknown: "The terrain has no height under it.",
 };
 
