@@ -11,7 +11,7 @@ use super::project::{Findings, Lack, Notes};
 use super::{InitError, InitRequest};
 use sizeup_geo::terrain::{self, MapBox, Terrain, TerrainConfig};
 use sizeup_survey::{
-    HeightConfig, Reading, Site, Survey, SurveyConfig, SurveyError, VerticalDatum, View, sparse_ground,
+    HeightConfig, Reading, Site, Survey, SurveyConfig, SurveyError, Trial, VerticalDatum, View, sparse_ground,
 };
 
 /// A survey in the project's frame.
@@ -138,7 +138,7 @@ pub(super) fn place_in(
     let report = reading.report(Site { terrain: terrain.as_ref(), area: None });
     if !report.is_sound() {
         let why = report.findings.join("; ");
-        let better: Vec<String> = report.trials.iter().map(ToString::to_string).collect();
+        let better: Vec<String> = report.trials.iter().map(Trial::advice).collect();
         let inspect = "`sizeup survey inspect --config` says more".to_owned();
         notes.lacks.push(Lack::new("poses that look right", why, better.into_iter().next().unwrap_or(inspect)));
     }
