@@ -35,6 +35,7 @@ mod report;
 mod stac;
 mod trials;
 mod view;
+mod viewpoints;
 mod whole;
 mod write;
 mod xml;
@@ -51,6 +52,7 @@ pub use photo::{PhotoFacts, photo_facts};
 pub use photos::{is_photo, is_result};
 pub use report::{Spread, SurveyReport, Trial};
 pub use view::{View, ViewKind};
+pub use viewpoints::Viewpoints;
 pub use write::{ColmapModel, Converted, Target, TiePoint, convert, write};
 
 use serde::{Deserialize, Serialize};

@@ -10,6 +10,7 @@ mod levels;
 mod spatial;
 mod transform;
 mod vertical;
+mod zones;
 
 pub use accuracy::{Accuracy, Better};
 pub use convergence::{GridNorth, TrueNorth};
