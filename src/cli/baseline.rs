@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::flags::config_file;
 use super::{Call, EXIT_FAILED_ITEMS, Failure, Global, Ui, print_json};
 use crate::benchmark::{Aids, Method};
 use crate::config::RunConfig;
@@ -27,8 +28,8 @@ pub struct BaselineArgs {
     /// Method to run: a yardstick for the height solver.
     #[arg(value_parser = names())]
     pub method: String,
-    /// Run configuration, as for `sizeup run`.
-    pub config: PathBuf,
+    /// Configuration, as for `sizeup run` (default: sizeup.toml in this folder).
+    pub config: Option<PathBuf>,
     /// Folder of the results (not that of a run).
     #[arg(long, short, value_name = "FOLDER")]
     pub output: PathBuf,
@@ -54,7 +55,8 @@ fn names() -> clap::builder::PossibleValuesParser {
 
 pub(super) fn run(args: &BaselineArgs, global: &Global) -> Result<u8, Failure> {
     let method = Method::named(&args.method).expect("the parser takes known names only");
-    let mut config = RunConfig::load(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    let mut config =
+        RunConfig::load(&config_file(args.config.as_deref())?, &args.assignments).map_err(|e| Failure::new(2, &e))?;
     config.limits.set();
     config.project.output.clone_from(&args.output);
     let aids = aids(method, args, &config)?;

@@ -5,9 +5,11 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use clap::Parser as _;
+use clap::error::{ContextKind, ContextValue};
+use clap::{CommandFactory as _, Parser as _};
 
 use super::{Cli, conclude, conclude_unread};
+use crate::config::nearest;
 
 /// A call of the program.
 #[derive(Debug, Clone)]
@@ -44,6 +46,24 @@ impl Call {
     }
 }
 
+/// With the subcommand that a misspelt one was meant to be: clap sees no likeness between short words such as `rnu` and `run`.
+fn with_near_command(mut error: clap::Error, arguments: &[OsString]) -> clap::Error {
+    let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand) else { return error };
+    if error.get(ContextKind::SuggestedSubcommand).is_some() {
+        return error;
+    }
+    let mut command = &Cli::command();
+    for argument in arguments {
+        command = command.find_subcommand(argument).unwrap_or(command);
+    }
+    let names = command.get_subcommands().filter(|known| !known.is_hide_set()).map(clap::Command::get_name);
+    if let Some(meant) = nearest(word, names) {
+        let meant = ContextValue::Strings(vec![meant.to_owned()]);
+        error.insert(ContextKind::SuggestedSubcommand, meant);
+    }
+    error
+}
+
 /// Answers the call of this process's own binary; the number is the exit code.
 #[must_use]
 pub fn answer() -> u8 {
@@ -58,6 +78,9 @@ pub fn answer_call(call: Call) -> u8 {
     let _ = CALL.set(call);
     match Cli::try_parse_from(&arguments) {
         Ok(cli) => conclude(&cli),
-        Err(error) => conclude_unread(&error, arguments.get(1..).unwrap_or_default()),
+        Err(error) => {
+            let arguments = arguments.get(1..).unwrap_or_default();
+            conclude_unread(&with_near_command(error, arguments), arguments)
+        }
     }
 }

@@ -6,6 +6,7 @@ use clap::Args;
 use glam::DVec3;
 use serde::Serialize;
 
+use super::flags::{BY_DEFAULT, config_file};
 use super::{Failure, Global, print, print_json};
 use crate::config::RunConfig;
 use crate::tiles;
@@ -41,10 +42,10 @@ const DRIVERS: [(&str, bool); 8] = [
   sizeup doctor
   sizeup doctor sizeup.toml     also what this run needs; ends with code 3 where something is missing")]
 pub struct DoctorArgs {
-    /// Configuration of a run, to look for what it needs.
+    /// Configuration of a run, to look for what it needs (default: sizeup.toml in this folder, where there is one).
     pub config: Option<PathBuf>,
     /// Set one key of the configuration. May be repeated.
-    #[arg(long = "set", value_name = "KEY=VALUE", requires = "config")]
+    #[arg(long = "set", value_name = "KEY=VALUE")]
     pub assignments: Vec<String>,
 }
 
@@ -94,7 +95,9 @@ impl DoctorFinding {
 }
 
 pub(super) fn run(args: &DoctorArgs, global: &Global) -> Result<u8, Failure> {
-    let config = args.config.as_ref().map(|path| RunConfig::load(path, &args.assignments));
+    let is_asked = args.config.is_some() || !args.assignments.is_empty() || Path::new(BY_DEFAULT).is_file();
+    let file = is_asked.then(|| config_file(args.config.as_deref())).transpose()?;
+    let config = file.map(|path| RunConfig::load(&path, &args.assignments));
     let config = config.transpose().map_err(|e| Failure::new(2, &e))?;
     let mut findings = of_machine(config.as_ref());
     findings.extend(config.iter().flat_map(of_config));

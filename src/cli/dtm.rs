@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
+use super::flags::config_file;
 use super::ui::GROUND;
 use super::{Failure, Global, Ui, print_json};
 use crate::config::RunConfig;
@@ -25,8 +26,8 @@ const COARSE_M: f64 = 0.3;
 The configuration's [terrain] is what it starts from: constant_m, a rough level, or dtm, a coarse or shifted model that the
 photos correct. A picture is written beside the model. With [dtm] in the configuration `sizeup run` does all this itself.")]
 pub struct DtmArgs {
-    /// Configuration file (TOML), as that of `sizeup run`; it needs no [prior] here.
-    pub config: PathBuf,
+    /// Configuration file (TOML; default: sizeup.toml in this folder), as that of `sizeup run`; it needs no [prior] here.
+    pub config: Option<PathBuf>,
     /// The terrain model to write (GeoTIFF), in the project's CRS and the poses' vertical reference.
     #[arg(long, short, value_name = "FILE")]
     pub output: PathBuf,
@@ -61,7 +62,8 @@ struct DtmSummary {
 }
 
 pub(super) fn run(args: &DtmArgs, global: &Global) -> Result<u8, Failure> {
-    let config = RunConfig::load_without_prior(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    let config = RunConfig::load_without_prior(&config_file(args.config.as_deref())?, &args.assignments)
+        .map_err(|e| Failure::new(2, &e))?;
     config.limits.set();
     let settings = DtmConfig {
         within_m: args.within,

@@ -131,7 +131,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
     let lineage = lineage(args, &crs, file.lineage())?;
     let survey = Survey::default();
     let model = CityModel { records: &file, crs: &crs, lineage: &lineage, issues: &[], survey: &survey };
-    let overview = write(format, args, &model).map_err(|e| Failure::new(exit_code(&e), &e))?;
+    let overview = write(format, args, &model).map_err(|e| Failure::new(e.exit_code(), &e))?;
     let Overview { n_buildings, n_heights, .. } = overview;
     let ui = Ui::new(global);
     if format == ExportFormat::FlatGeobuf && overview.n_without_footprint > 0 {
@@ -161,7 +161,7 @@ fn export_layer(args: &ExportArgs, format: ExportFormat, layer: &str, global: &G
     }
     let stated = args.crs.as_deref().map(stated_crs).transpose()?;
     let n_features = geojson::write_layer(&args.output, &args.input, layer, stated.as_ref())
-        .map_err(|e| Failure::new(exit_code(&e), &e))?;
+        .map_err(|e| Failure::new(e.exit_code(), &e))?;
     Ui::new(global).say(format!("{} of {layer} in {}", counted(n_features, "feature"), args.output.display()));
     if global.json {
         print_json(&serde_json::json!({ "n_features": n_features, "output": args.output }))?;
@@ -243,15 +243,6 @@ fn write<R: Records + ?Sized>(
             let precision = if args.quantise { Precision::Quantised } else { Precision::Float };
             tiles3d::write(path, model, &Tiles3dConfig { heights, precision, ..Tiles3dConfig::default() })
         }
-    }
-}
-
-/// Exit code: that of bad input or settings apart from that of what could not be written.
-fn exit_code(error: &OutputError) -> u8 {
-    match error {
-        OutputError::HeightsNotStated { .. } | OutputError::Crs(_) | OutputError::FolderInUse { .. } => 2,
-        OutputError::Input(_) | OutputError::Malformed(_) | OutputError::DuplicateId { .. } => 3,
-        _ => 4,
     }
 }
 

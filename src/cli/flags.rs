@@ -1,8 +1,27 @@
 //! Flags as the settings that they stand for: what a configuration file would say, so that there is one way to read it.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use super::Failure;
 use toml::{Table, Value};
+
+/// Configuration that commands take where none is named, as `sizeup init` writes it.
+pub(super) const BY_DEFAULT: &str = "sizeup.toml";
+
+/// The configuration of a command: the one that is named, else the one in this folder.
+pub(super) fn config_file(named: Option<&Path>) -> Result<PathBuf, Failure> {
+    match named {
+        Some(path) => Ok(path.to_owned()),
+        None if Path::new(BY_DEFAULT).is_file() => Ok(BY_DEFAULT.into()),
+        None => {
+            let hint = "`sizeup init FOLDER` writes one for a folder of photos; or name yours, as in `sizeup run town/sizeup.toml`";
+            Err(Failure::from_text(
+                2,
+                format!("no configuration is named, and there is no {BY_DEFAULT} in this folder\nhint: {hint}"),
+            ))
+        }
+    }
+}
 
 /// A setting that a flag stands for: table, key, value.
 pub(super) type Flag = (&'static str, &'static str, Value);

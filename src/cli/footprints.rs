@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::flags::config_file;
 use super::run::tell_issues;
 use super::{Call, EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
@@ -19,8 +20,8 @@ use sizeup_footprints::DetectionSummary;
 
 The result is footprints.gpkg with the layers footprints and candidates, and pictures of the nadir\nphotos with the footprints drawn over them (40 at most).")]
 pub struct FootprintsArgs {
-    /// Configuration file (TOML), as that of `sizeup run`; it needs no [prior] here.
-    pub config: PathBuf,
+    /// Configuration file (TOML; default: sizeup.toml in this folder), as that of `sizeup run`; it needs no [prior] here.
+    pub config: Option<PathBuf>,
     /// Set one key of the configuration, as in `--set footprints.consensus.snap_deg=0`. May be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub assignments: Vec<String>,
@@ -30,7 +31,8 @@ pub struct FootprintsArgs {
 }
 
 pub(super) fn run(args: &FootprintsArgs, global: &Global) -> Result<u8, Failure> {
-    let mut config = RunConfig::load_without_prior(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    let mut config = RunConfig::load_without_prior(&config_file(args.config.as_deref())?, &args.assignments)
+        .map_err(|e| Failure::new(2, &e))?;
     config.limits.set();
     if let Some(output) = &args.output {
         config.project.output.clone_from(output);

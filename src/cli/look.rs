@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::flags::config_file;
 use super::ui::warn_of_unfinished;
 use super::{Failure, Global, Ui};
 use crate::config::RunConfig;
@@ -11,13 +12,16 @@ use crate::pipeline;
 
 /// Arguments of `sizeup look`.
 #[derive(Debug, Clone, Args)]
-#[command(after_help = "Examples:
-  sizeup look sizeup.toml 012_oblique --output panel.png
+#[command(
+    allow_missing_positional = true,
+    after_help = "Examples:
+  sizeup look 012_oblique --output panel.png
   sizeup look sizeup.toml 012_oblique --pass 1 --output first.png
-  sizeup look demo/scene/sizeup.toml 012_oblique --result demo/result --output panel.png")]
+  sizeup look demo/scene/sizeup.toml 012_oblique --result demo/result --output panel.png"
+)]
 pub struct LookArgs {
-    /// Run configuration, with the settings it ran with.
-    pub config: PathBuf,
+    /// Configuration of the run (default: sizeup.toml in this folder), with the settings it ran with.
+    pub config: Option<PathBuf>,
     /// Name of the view, or a part of it.
     pub view: String,
     /// Heights after this pass, counted from 1 (default: the last).
@@ -35,7 +39,8 @@ pub struct LookArgs {
 }
 
 pub(super) fn run(args: &LookArgs, global: &Global) -> Result<u8, Failure> {
-    let mut config = RunConfig::load(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    let mut config =
+        RunConfig::load(&config_file(args.config.as_deref())?, &args.assignments).map_err(|e| Failure::new(2, &e))?;
     config.limits.set();
     if let Some(result) = &args.result {
         config.project.output.clone_from(result);

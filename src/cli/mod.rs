@@ -31,7 +31,7 @@ mod view;
 
 use std::ffi::OsString;
 use std::fmt;
-use std::io::{ErrorKind, Write as _};
+use std::io::{self, ErrorKind, Write as _};
 
 use clap::{Args, Parser, Subcommand};
 
@@ -139,6 +139,23 @@ pub enum Command {
     Man(manual::ManArgs),
 }
 
+/// Something cannot be written, or failed.
+const EXIT_FAILED: u8 = 4;
+
+/// Advice where a disk is full.
+const FULL: &str = "the disk is full: free some space, or write to another disk (most commands take `--output`)";
+
+/// Advice where the system lets nothing be written.
+fn hint_on_writing(error: &io::Error) -> Option<&'static str> {
+    match error.kind() {
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => Some(
+            "you may not write there: name another folder (most commands take `--output`), or change its permissions",
+        ),
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => Some(FULL),
+        _ => None,
+    }
+}
+
 /// Mark before the advice in the text of an error.
 const HINT: &str = "\nhint: ";
 
@@ -155,13 +172,21 @@ impl Failure {
     pub fn new(exit_code: u8, error: &dyn std::error::Error) -> Self {
         let mut message = format!("error: {error}");
         let mut cause = error.source();
+        let mut hint = None;
         while let Some(source) = cause {
+            hint = hint.or_else(|| source.downcast_ref::<io::Error>().and_then(hint_on_writing));
             let text = source.to_string();
             if !message.contains(&text) {
                 message.push_str("\n  because: ");
                 message.push_str(&text);
             }
             cause = source.source();
+        }
+        // Engines that write files themselves have words of their own.
+        let is_full = message.contains("disk is full").then_some(FULL);
+        if let Some(hint) = hint.or(is_full).filter(|_| exit_code == EXIT_FAILED && !message.contains(HINT)) {
+            message.push_str(HINT);
+            message.push_str(hint);
         }
         Self { exit_code, message }
     }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Value, json};
 
+use super::flags::config_file;
 use super::ui::PRIORS;
 use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print, print_json};
 use crate::config::RunConfig;
@@ -57,8 +58,8 @@ pub enum EngineArg {
 Views that are in the cache already are passed over: the same command goes on after an interruption, and several
 processes with the same cache share the work. Exit code 5: some views have no prior.")]
 pub struct ComputeArgs {
-    /// Configuration file (TOML), as that of `sizeup run`.
-    pub config: PathBuf,
+    /// Configuration file (TOML; default: sizeup.toml in this folder), as that of `sizeup run`.
+    pub config: Option<PathBuf>,
     /// All oblique views, not only those that a run selects first: for cities in tiles.
     #[arg(long)]
     pub all: bool,
@@ -91,7 +92,8 @@ fn run_inspect(args: &InspectPriorArgs, global: &Global) -> Result<u8, Failure> 
 }
 
 fn run_compute(args: &ComputeArgs, global: &Global) -> Result<u8, Failure> {
-    let config = RunConfig::load(&args.config, &args.assignments).map_err(|e| Failure::new(2, &e))?;
+    let config =
+        RunConfig::load(&config_file(args.config.as_deref())?, &args.assignments).map_err(|e| Failure::new(2, &e))?;
     config.limits.set();
     let wanted = if args.all { Wanted::AllOblique } else { Wanted::Selected };
     let ui = Ui::new(global);

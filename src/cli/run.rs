@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
-use super::flags::{flag, put, text_of};
+use super::flags::{config_file, flag, put, text_of};
 use super::tiles::{CutArgs, TilesetArgs, TrustArgs, absolute, failed, merge_city, plan_config};
 use super::{Call, EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
@@ -23,7 +23,7 @@ const N_RETRIES: usize = 1;
 /// Arguments of `sizeup run`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Examples:
-  sizeup run sizeup.toml
+  sizeup run                                  the sizeup.toml in this folder
   sizeup run sizeup.toml --set optimise.preset=paper --output result-paper
   sizeup run sizeup.toml --from output        write the results again, heights as they are
   sizeup run sizeup.toml --tiled --jobs 4     in parts, for areas that do not fit into memory
@@ -31,8 +31,9 @@ const N_RETRIES: usize = 1;
   sizeup run --crs EPSG:25832 --survey sparse --footprints blocks.gpkg --dtm dtm.tif \\
              --priors 'depth/{stem}.npz' --prior-kind depth")]
 pub struct RunArgs {
-    /// Configuration file (TOML), or - for standard input, its paths relative to this folder. `sizeup schema run` lists its keys.
-    #[arg(required_unless_present = "survey", conflicts_with = "survey")]
+    /// Configuration file (TOML; default: sizeup.toml in this folder), or - for standard input, its paths relative to this folder.
+    /// `sizeup schema run` lists its keys.
+    #[arg(conflicts_with = "survey")]
     pub config: Option<PathBuf>,
     /// Set one key of the configuration, as in `--set optimise.preset=paper`. May be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
@@ -147,13 +148,14 @@ pub enum PriorSourceArg {
 }
 
 pub(super) fn run(args: &RunArgs, global: &Global) -> Result<u8, Failure> {
-    let config = config_of(args)?;
+    let file = if args.survey.is_some() { None } else { Some(config_file(args.config.as_deref())?) };
+    let config = config_of(args, file.as_deref())?;
     config.limits.set();
     for note in config.notes() {
         Ui::new(global).say(format!("note: {}", note.message));
     }
     if args.tiled {
-        return run_tiled(config, args, global);
+        return run_tiled(config, file.as_deref(), args, global);
     }
     if args.tileset.tileset().is_some() {
         let hint = "3D Tiles of one piece are written by `sizeup export --to 3dtiles`, which takes them too";
@@ -168,7 +170,7 @@ pub(super) fn run(args: &RunArgs, global: &Global) -> Result<u8, Failure> {
 }
 
 /// Plan, all tiles, merge; tiles that are done stay as they are.
-fn run_tiled(mut config: RunConfig, args: &RunArgs, global: &Global) -> Result<u8, Failure> {
+fn run_tiled(mut config: RunConfig, file: Option<&Path>, args: &RunArgs, global: &Global) -> Result<u8, Failure> {
     config.project.output = absolute(&config.project.output)?;
     let n_cores = rayon::current_num_threads();
     let n_jobs = args.jobs.unwrap_or(n_cores.div_ceil(2)).max(1);
@@ -180,8 +182,8 @@ fn run_tiled(mut config: RunConfig, args: &RunArgs, global: &Global) -> Result<u
         n_retries: N_RETRIES,
         trust: args.trust.trust(),
     };
-    let config_file = args.config.as_deref().map(absolute).transpose()?;
-    let plan = args.cut.settings(config_file, args.tileset.tileset(), args.trust);
+    let file = file.map(absolute).transpose()?;
+    let plan = args.cut.settings(file, args.tileset.tileset(), args.trust);
     let manifest = plan_config(&config, &plan, global)?;
     let (ui, layout) = (Ui::new(global), Layout::new(&config.project.output));
     let city = tiles::status(&layout, args.trust.trust()).map_err(|e| failed(&e))?;
@@ -284,8 +286,8 @@ pub(super) fn tell_issues(ui: &Ui, summary: &RunSummary) {
 }
 
 /// The configuration file with its overrides, or one made from flags.
-fn config_of(args: &RunArgs) -> Result<RunConfig, Failure> {
-    let mut config = match &args.config {
+fn config_of(args: &RunArgs, file: Option<&Path>) -> Result<RunConfig, Failure> {
+    let mut config = match file {
         Some(path) if path.as_os_str() == "-" => {
             RunConfig::from_text(&text_of_stdin(args)?, Path::new("standard input"), &args.assignments)
         }

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
 
+use super::flags::config_file;
 use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print, print_json};
 use crate::config::RunConfig;
 use crate::recipe;
@@ -110,8 +111,8 @@ impl TrustArgs {
 
 The plan is tiles.json in the folder of the results. Planning again keeps all that has not changed.")]
 pub struct PlanArgs {
-    /// Configuration file (TOML), as for `sizeup run`.
-    pub config: PathBuf,
+    /// Configuration file (TOML; default: sizeup.toml in this folder), as for `sizeup run`.
+    pub config: Option<PathBuf>,
     /// Set one key of the configuration. May be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub assignments: Vec<String>,
@@ -216,7 +217,7 @@ fn config_of(path: &Path, assignments: &[String], output: Option<&PathBuf>) -> R
 }
 
 fn plan(args: &PlanArgs, global: &Global) -> Result<u8, Failure> {
-    let (config, path) = config_of(&args.config, &args.assignments, args.output.as_ref())?;
+    let (config, path) = config_of(&config_file(args.config.as_deref())?, &args.assignments, args.output.as_ref())?;
     let settings = args.cut.settings(Some(path), args.tileset.tileset(), args.trust);
     if args.dry_run {
         return dry_run(&config, &settings, global);

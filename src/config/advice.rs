@@ -24,20 +24,24 @@ const TABLES: [(&str, &str); 5] = [
 
 /// A better message for a mistake in a file, where there is one, and a hint.
 pub(super) fn of_file(error: &toml::de::Error, text: &str, keys: &str) -> (Option<String>, String) {
-    let table: toml::Table = toml::from_str(text).unwrap_or_default();
+    let Ok(table) = toml::from_str::<toml::Table>(text) else {
+        return (None, super::escapes::hint_at(error, text).unwrap_or_else(|| keys.to_owned()));
+    };
     let missing = error.message().strip_prefix("missing field `").and_then(|rest| rest.split('`').next());
     if let Some((name, hint)) = TABLES.iter().find(|(name, _)| missing == Some(*name) && !table.contains_key(*name)) {
         // The parser places it at the file's first line, whatever stands there.
         return (Some(format!("the table [{name}] is missing")), (*hint).to_owned());
     }
     let prior = table.get("prior").and_then(toml::Value::as_table);
-    if missing == Some("source") && prior.is_some_and(|prior| !prior.contains_key("source")) {
+    if let (Some("source"), Some(prior)) = (missing, prior.filter(|prior| !prior.contains_key("source"))) {
+        let misspelt = prior.keys().find(|key| nearest(key, ["source"].into_iter()).is_some());
+        let meant = misspelt.map_or_else(String::new, |key| format!("did you mean `source` by `{key}`? "));
         let hint = "source is \"files\" (depth maps computed elsewhere), \"network\" (an ONNX file that you bring), \
                     \"stereo\" (no network: the photos are matched with each other) or \"auto\" (a network where one is in place, \
                     else stereo)";
-        return (None, hint.to_owned());
+        return (None, format!("{meant}{hint}"));
     }
-    (None, values(error.message()).unwrap_or_else(|| keys.to_owned()))
+    (None, of_word(error.message(), keys))
 }
 
 /// A mistake in one of several assignments, or in all of them together.
@@ -48,14 +52,43 @@ pub(super) fn of_assignments(
     keys: &str,
 ) -> ConfigError {
     let message = error.message().to_owned();
-    let hint = values(&message).unwrap_or_else(|| keys.to_owned());
+    let hint = of_word(&message, keys);
     let assignment = blamed.cloned().unwrap_or_else(|| assignments.join(" --set "));
     ConfigError::Set { assignment, message, hint }
 }
 
-/// The words that are allowed where another stands.
-fn values(message: &str) -> Option<String> {
-    let expected = message.strip_prefix("unknown variant `")?.split_once("expected ")?.1;
+/// Hint at a key or a value that there is none of: the word that was meant, and where all are listed.
+fn of_word(message: &str, keys: &str) -> String {
+    let Some((is_key, rest)) = message
+        .strip_prefix("unknown field `")
+        .map(|rest| (true, rest))
+        .or_else(|| message.strip_prefix("unknown variant `").map(|rest| (false, rest)))
+    else {
+        return keys.to_owned();
+    };
+    let (word, expected) = rest.split_once("expected ").unwrap_or((rest, ""));
+    let word = word.split('`').next().unwrap_or_default();
     let words: Vec<&str> = expected.split('`').skip(1).step_by(2).collect();
-    Some(format!("it is one of {}", words.join(", ")))
+    let all = if is_key { keys.to_owned() } else { format!("it is one of {}", words.join(", ")) };
+    match nearest(word, words.iter().copied()) {
+        Some(meant) => format!("did you mean `{meant}`? {all}"),
+        None => all,
+    }
+}
+
+/// The expected word that a misspelt one was meant to be, where one is near enough. Case, and hyphens for underscores, do not count.
+pub(crate) fn nearest<'a>(word: &str, expected: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    /// Least likeness, 0..1, by edits and by letters in common: half of a short word's letters, or most of a long one's.
+    const BY_EDITS: f64 = 0.6;
+    const BY_LETTERS: f64 = 0.8;
+    let plain = |word: &str| word.to_lowercase().replace('-', "_");
+    let word = plain(word);
+    let likeness = |expected: &str| {
+        let expected = plain(expected);
+        let edits = strsim::normalized_damerau_levenshtein(&word, &expected);
+        let letters = strsim::jaro(&word, &expected);
+        (edits >= BY_EDITS || letters >= BY_LETTERS).then_some(edits.max(letters))
+    };
+    let near = expected.filter_map(|one| Some((likeness(one)?, one)));
+    near.reduce(|best, one| if one.0 > best.0 { one } else { best }).map(|(_, one)| one)
 }

@@ -4,10 +4,13 @@
 //! resolved configuration is saved beside every result.
 
 mod advice;
+mod escapes;
 mod renamed;
+mod sources;
 
 use std::path::{Path, PathBuf};
 
+pub(crate) use advice::nearest;
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -268,6 +271,7 @@ impl RunConfig {
         let mut notes: Vec<Issue> = notes.into_iter().flatten().collect();
         let mut config: Self = parse_with(text, Some(path), &assignments, advice::KEYS_OF_RUN, |table| {
             notes.extend(renamed::in_table(table, &renamed::OF_RUN));
+            sources::make_room(table, &assignments);
         })?;
         config.notes = notes;
         Ok(config)
@@ -370,7 +374,15 @@ fn parse_with<T: DeserializeOwned>(
     let mut table: toml::Table = toml::from_str(text).map_err(parse_error)?;
     let as_written = table.clone();
     change(&mut table);
+    let check_escapes = |table: &toml::Table| {
+        let sources: Vec<&str> = std::iter::once(text).chain(assignments.iter().map(String::as_str)).collect();
+        escapes::unmeant(table, &sources).map_or(Ok(()), |(key, written)| {
+            let message = format!("`{key} = \"{written}\"` holds control characters, expected a path or a word");
+            Err(ConfigError::Parse { path: path(), message, hint: escapes::hint(&written) })
+        })
+    };
     if assignments.is_empty() && table == as_written {
+        check_escapes(&table)?;
         return toml::from_str(text).map_err(parse_error); // keeps the place of every error
     }
     let without_assignments = table.clone();
@@ -381,6 +393,7 @@ fn parse_with<T: DeserializeOwned>(
             hint: advice::FORM.into(),
         })?;
     }
+    check_escapes(&table)?;
     table.try_into().map_err(|e: toml::de::Error| match toml::from_str::<T>(text) {
         Err(placed) if placed.message() == e.message() => parse_error(placed), // the file's own mistake, with its line
         _ if assignments.is_empty() => {
@@ -420,11 +433,14 @@ fn placed(error: &toml::de::Error, text: &str) -> Option<String> {
 /// Sets `a.b.c = value` in a table; the value is TOML where it parses as such, else a string.
 fn assign(table: &mut toml::Table, assignment: &str) -> Result<(), String> {
     let (key, value) = assignment.split_once('=').ok_or("expected key=value")?;
-    let value = format!("v = {value}")
-        .parse::<toml::Table>()
-        .ok()
-        .and_then(|mut parsed| parsed.remove("v"))
-        .unwrap_or_else(|| toml::Value::String(value.to_owned()));
+    let value = match format!("v = {value}").parse::<toml::Table>() {
+        Ok(mut parsed) => parsed.remove("v").unwrap_or_else(|| toml::Value::String(value.to_owned())),
+        // Quotes that reach this far were meant for TOML.
+        Err(_) if value.trim_start().starts_with('"') && value.contains('\\') => {
+            return Err(format!("the value is no text of TOML: {}", escapes::hint(value.trim().trim_matches('"'))));
+        }
+        Err(_) => toml::Value::String(value.to_owned()),
+    };
     let mut keys: Vec<&str> = key.trim().split('.').collect();
     let last = keys.pop().filter(|k| !k.is_empty()).ok_or("the key is empty")?;
     let mut table = table;
@@ -578,6 +594,60 @@ mod tests {
             assert_eq!(assignment, "images.longest_px=640");
             assert!(hint.contains("schema simulate"), "{hint}");
         }
+    }
+
+    #[test]
+    fn a_misspelt_word_is_answered_with_the_one_that_was_meant() {
+        let hint = |text: &str, assignments: &[&str]| {
+            let error = load(text, assignments).unwrap_err().to_string();
+            error.split_once("hint: ").unwrap().1.to_owned()
+        };
+        for (from, to, meant) in [
+            ("crs =", "csr =", "`crs`"),
+            ("crs =", "CRS =", "`crs`"),
+            ("[terrain]", "[terain]", "`terrain`"),
+            ("constant_m", "constant-m", "`constant_m`"),
+            ("kind = ", "knid = ", "`kind`"),
+            ("source = ", "sorce = ", "`source` by `sorce`"),
+            ("\"files\"", "\"file\"", "`files`"),
+            ("path = \"footprints.gpkg\"", "path = \"a\"\n        id_feild = \"id\"", "`id_field`"),
+        ] {
+            let hint = hint(&MINIMAL.replace(from, to), &[]);
+            assert!(hint.starts_with(&format!("did you mean {meant}")), "{to}: {hint}");
+        }
+        for (assignment, meant) in [
+            ("optimize.preset=paper", "`optimise`"),
+            ("optimise.preset=robots", "`robust`"),
+            ("heights.max=30", "`max_m`"),
+        ] {
+            let hint = hint(MINIMAL, &[assignment]);
+            assert!(hint.starts_with(&format!("did you mean {meant}")), "{assignment}: {hint}");
+        }
+        assert!(!hint(MINIMAL, &["optimise.colour=1"]).contains("did you mean"), "nothing is like it");
+    }
+
+    #[test]
+    fn an_assignment_of_another_source_leaves_out_what_the_old_one_had() {
+        use sizeup_photos::prior::PriorConfig;
+        let stereo = load(MINIMAL, &["prior.source=stereo"]).unwrap();
+        assert!(matches!(stereo.prior, PriorConfig::Stereo(_)));
+        assert!(matches!(load(MINIMAL, &["prior.source=\"auto\""]).unwrap().prior, PriorConfig::Auto(_)));
+        let stereo = MINIMAL.replace("source = \"files\"", "source = \"stereo\"");
+        let stereo = stereo.replace("path = \"priors/{stem}.npy\"\n        kind = \"depth\"", "cache.folder = \"c\"");
+        // What is assigned itself counts.
+        let files = load(&stereo, &["prior.source=files", "prior.path=p/{stem}.npy", "prior.kind=depth"]).unwrap();
+        assert!(matches!(files.prior, PriorConfig::Files(_)));
+        let error = load(MINIMAL, &["prior.source=stereo", "prior.kind=depth"]).unwrap_err().to_string();
+        assert!(error.starts_with("--set prior.kind=depth: "), "{error}");
+        let error = load(MINIMAL, &["seed=1", "prior.source=sterio"]).unwrap_err().to_string();
+        assert!(
+            error.starts_with("--set prior.source=sterio: ") && error.contains("did you mean `stereo`?"),
+            "{error}"
+        );
+        // What both have stays: the path.
+        let masks = load(MINIMAL, &["footprints.source=masks", "footprints.kind=instance"]).unwrap();
+        assert!(matches!(&masks.footprints, FootprintSource::Masks(_)));
+        assert!(masks.to_toml().contains("path = \"footprints.gpkg\""), "{}", masks.to_toml());
     }
 
     #[test]

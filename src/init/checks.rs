@@ -10,8 +10,9 @@ use super::placing::Placed;
 use super::project::{Findings, Lack, Notes};
 use super::{ground, poses};
 use sizeup_footprints::{FootprintConfig, LayerParts};
-use sizeup_geo::terrain::MapBox;
-use sizeup_survey::Format;
+use sizeup_geo::terrain::{MapBox, Terrain};
+use sizeup_survey::ground::footprint;
+use sizeup_survey::{Format, View};
 
 /// A terrain model that somebody named is taken, whatever it is called.
 pub(super) fn surface_by_name(request: &InitRequest) -> Vec<String> {
@@ -54,6 +55,15 @@ pub(super) fn lacks_of_flight(flight: &Flight) -> Vec<Lack> {
             "fly again with the camera tilted by 30 to 60° from straight down, from several sides",
         ));
     }
+    if flight.n_oblique > 1 && flight.lacks_baseline {
+        let why =
+            "the oblique photos of a place were all taken from one spot: they show no depth, whatever they look at";
+        lacks.push(Lack::new(
+            "photos from different places",
+            why,
+            "fly around or past the buildings, and take photos of each from several places instead of turning the camera on the spot",
+        ));
+    }
     if flight.n_views > 0 && flight.n_views < MIN_PHOTOS {
         let why = format!("{} with a pose, expected {MIN_PHOTOS} at the very least", flight.n_views);
         lacks.push(Lack::new("photos", why, "each building has to be seen by several photos from different sides"));
@@ -93,6 +103,18 @@ pub(super) fn doubts_of_flight(found: &Findings, flight: &Flight) -> Vec<String>
     doubts
 }
 
+/// The area that the photos show, and were taken in.
+fn seen_area(placed: &Placed) -> Option<MapBox> {
+    let shown = |view: &View| {
+        let centre = view.centre();
+        let level = |terrain: &Terrain| terrain.height_at(centre.x, centre.y).or_else(|| Some(terrain.range()?.0));
+        // Without ground its image on the zero of heights is larger than what it shows.
+        let ground_m = placed.terrain.as_ref().and_then(level).unwrap_or(0.0);
+        std::iter::once(centre.truncate()).chain(footprint(view, ground_m)).map(|at| (at.x, at.y))
+    };
+    MapBox::around(placed.survey.views.iter().flat_map(shown))
+}
+
 /// Whether the footprints can be used where the photos look.
 pub(super) fn check_footprints(found: &Findings, placed: Option<&Placed>, notes: &mut Notes) {
     let Some(layer) = &found.footprints.chosen else {
@@ -109,7 +131,7 @@ pub(super) fn check_footprints(found: &Findings, placed: Option<&Placed>, notes:
     };
     let Some(placed) = placed.filter(|placed| !placed.survey.views.is_empty()) else { return };
     let config = FootprintConfig { layer: layer.layer.clone(), ..FootprintConfig::new(&layer.path) };
-    let area = MapBox::around(placed.survey.views.iter().map(|view| (view.centre().x, view.centre().y)));
+    let area = seen_area(placed);
     let read = LayerParts::open(&config, &placed.frame.crs).and_then(|parts| match area {
         Some(area) => parts.around(area.grown(100.0), &BTreeMap::new()),
         None => Ok(sizeup_footprints::FootprintLayer::default()),

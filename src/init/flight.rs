@@ -10,7 +10,7 @@ use super::folder::Inventory;
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::stats::{median, quantile};
 use sizeup_survey::ground::centre_on_ground;
-use sizeup_survey::{PhotoFacts, PhotoIndex, Spread, Survey, View, ViewKind};
+use sizeup_survey::{PhotoFacts, PhotoIndex, Spread, Survey, View, ViewKind, Viewpoints};
 
 /// Fewer photos are no flight: a height needs three that see the building.
 pub(super) const MIN_PHOTOS: usize = 3;
@@ -40,6 +40,9 @@ pub struct Flight {
     pub seen_by: Option<f64>,
     /// Oblique ones of them.
     pub seen_by_oblique: Option<f64>,
+    /// Whether the oblique photos of most places were taken from one spot.
+    #[serde(skip)]
+    pub lacks_baseline: bool,
     /// States of satellite positioning, counted.
     pub positioning: BTreeMap<String, usize>,
     /// Median standard deviations of positions that the photos state, metres: horizontal, vertical.
@@ -69,8 +72,11 @@ impl Flight {
                 let sizes: Vec<f64> = survey.views.iter().filter_map(|view| pixel_m(view, ground)).collect();
                 median(&sizes)
             }),
-            seen_by: sees.and_then(|(all, _)| all),
-            seen_by_oblique: sees.and_then(|(_, oblique)| oblique),
+            seen_by: sees.as_ref().and_then(|(all, _)| median(all)),
+            seen_by_oblique: sees
+                .as_ref()
+                .and_then(|(_, oblique)| median(&oblique.iter().map(|seen| seen.n_views as f64).collect::<Vec<f64>>())),
+            lacks_baseline: sees.is_some_and(|(_, oblique)| is_from_one_spot(&oblique)),
             position_sigma_m: median(&across).zip(median(&up)),
             n_unused: unused.len(),
             unused: unused.into_iter().take(N_NAMED).collect(),
@@ -120,20 +126,25 @@ fn pixel_m(view: &View, ground: &Terrain) -> Option<f64> {
     (far_m > 0.0).then(|| far_m / view.camera.fx_px)
 }
 
-/// Number of photos, and of oblique ones, that see a place: medians over the places that photos look at.
-fn overlap(views: &[View], ground: &Terrain) -> (Option<f64>, Option<f64>) {
+/// Whether of the places that several oblique photos see, most are seen from one spot.
+fn is_from_one_spot(oblique: &[Viewpoints]) -> bool {
+    let several = || oblique.iter().filter(|seen| seen.n_views > 1);
+    let n_from_one = several().filter(|seen| seen.lack_baseline()).count();
+    2 * n_from_one > several().count()
+}
+
+/// Number of photos that see a place, and the oblique ones of them, at places that photos look at.
+fn overlap(views: &[View], ground: &Terrain) -> (Vec<f64>, Vec<Viewpoints>) {
     let step = views.len().div_ceil(N_PLACES).max(1);
     let places = views.iter().step_by(step).filter_map(|view| {
         let place = centre_on_ground(view, ground)?;
         Some(place.extend(ground.height_at(place.x, place.y)?))
     });
     let counts = places.map(|place| {
-        let sees = |view: &&View| view.pixel_of(place).is_some();
-        let seeing: Vec<&View> = views.iter().filter(sees).collect();
-        (seeing.len() as f64, seeing.iter().filter(|view| view.kind() == ViewKind::Oblique).count() as f64)
+        let n_seeing = views.iter().filter(|view| view.pixel_of(place).is_some()).count();
+        (n_seeing as f64, Viewpoints::of(views.iter().filter(|view| view.kind() == ViewKind::Oblique), place))
     });
-    let (all, oblique): (Vec<f64>, Vec<f64>) = counts.unzip();
-    (median(&all), median(&oblique))
+    counts.unzip()
 }
 
 /// The folder that holds the photos of poses: most of them, and as little else as can be.

@@ -196,7 +196,7 @@ fn look(path: &Path, layer: Option<&str>, place: &PhotoPlaces) -> Result<UsableL
     }
     let features: Vec<Feature> = source.features().take(N_LOOKED).collect();
     if features.is_empty() {
-        return Err("nothing of it lies where the photos are".to_owned());
+        return Err(format!("nothing of it lies where the photos are{}", distance(&config, &crs, place)));
     }
     let areas: Vec<f64> = features.iter().filter_map(|feature| area_m2(feature, &crs)).collect();
     let median_area_m2 = median(&areas).ok_or("it holds no polygons")?;
@@ -206,6 +206,32 @@ fn look(path: &Path, layer: Option<&str>, place: &PhotoPlaces) -> Result<UsableL
     let (path, layer, n_polygons) = (path.to_owned(), layer.map(str::to_owned), areas.len());
     Ok(UsableLayer { path, layer, id_field, n_polygons, n_features, median_area_m2, why, crs: Some(crs), score })
 }
+
+/// How far a layer is from the photos, in words that follow its refusal.
+fn distance(config: &FootprintConfig, crs: &Crs, place: &PhotoPlaces) -> String {
+    /// Further away, a place is another one by mistake, kilometres.
+    const FAR_KM: f64 = 20.0;
+    let nearest_km = || {
+        let area = place.bounds_in(crs)?;
+        let mut source = open_layer(config).ok()?;
+        let corners = source.features().take(N_LOOKED).filter_map(|feature| match feature.geometry {
+            FeatureGeometry::Shape(shape) => shape.bounding_rect().map(|rect| rect.min().x_y()),
+            _ => None,
+        });
+        let metres = if crs.is_geographic() { DEGREE_M } else { 1.0 };
+        Some(corners.map(|corner| area.distance_m(corner)).reduce(f64::min)? * metres / 1000.0)
+    };
+    match nearest_km() {
+        Some(km) if km > FAR_KM => format!(
+            ": it is {km:.0} km away, so a wrong CRS (its zone, too) is the likely cause, of the layer or of the poses"
+        ),
+        Some(km) => format!(": it is {km:.1} km away"),
+        None => String::new(),
+    }
+}
+
+/// Metres of one degree of latitude.
+const DEGREE_M: f64 = 111_320.0;
 
 /// Evidence of a layer's polygons.
 struct LayerEvidence<'a> {
@@ -256,8 +282,6 @@ impl LayerEvidence<'_> {
 
 /// The area of a polygon, m²; `None` for anything else.
 fn area_m2(feature: &Feature, crs: &Crs) -> Option<f64> {
-    /// Metres of one degree of latitude.
-    const DEGREE_M: f64 = 111_320.0;
     let FeatureGeometry::Shape(shape @ (Geometry::Polygon(_) | Geometry::MultiPolygon(_))) = &feature.geometry else {
         return None;
     };

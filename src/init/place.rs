@@ -8,9 +8,13 @@ use sizeup_geo::terrain::MapBox;
 use sizeup_heights::stats::median;
 use sizeup_survey::{FirstLook, PoseWorld, WorldGuess};
 
-/// Photos look so far around where they were taken, metres and degrees.
+/// Distance from where photos were taken within which anything may be in them, whatever they look at, metres and degrees.
 const AROUND_M: f64 = 150.0;
 const AROUND_DEG: f64 = 0.0015;
+/// Metres of one degree of latitude.
+const DEGREE_M: f64 = 111_320.0;
+/// Oblique photos see so many flying heights far, at 75° off the vertical: what is farther is too small in them.
+const HEIGHTS_FAR: f64 = 3.7;
 /// Points along each side of a box that is moved to another CRS.
 const PER_SIDE: usize = 8;
 
@@ -50,6 +54,27 @@ impl PhotoPlaces {
         match places_deg() {
             Some(places) => Self::OnEarth(places),
             None => self,
+        }
+    }
+
+    /// With what photos may show that were taken so high above the ground, metres: whereto they look is not known before there is a
+    /// project, so all around.
+    pub(super) fn seen_from(self, height_m: f64) -> Self {
+        let reach_m = (HEIGHTS_FAR * height_m).max(0.0);
+        match self {
+            Self::OnEarth(places) => Self::OnEarth(
+                places
+                    .into_iter()
+                    .flat_map(|(lon, lat)| {
+                        let (north, east) = (reach_m / DEGREE_M, reach_m / DEGREE_M / lat.to_radians().cos().max(0.01));
+                        [(lon - east, lat - north), (lon + east, lat + north)]
+                    })
+                    .collect(),
+            ),
+            Self::Numbers(numbers) => Self::Numbers(
+                numbers.into_iter().flat_map(|at| [at - DVec2::splat(reach_m), at + DVec2::splat(reach_m)]).collect(),
+            ),
+            Self::Nowhere => Self::Nowhere,
         }
     }
 

@@ -12,7 +12,7 @@ use super::{InitError, InitRequest};
 use sizeup_geo::issue::Severity;
 use sizeup_geo::terrain::{self, LoadedTerrain, MapBox, Terrain, TerrainConfig};
 use sizeup_survey::{
-    HeightConfig, PoseWorld, Reading, Site, Survey, SurveyConfig, SurveyError, VerticalDatum, View, sparse_ground,
+    HeightConfig, PoseWorld, Reading, Site, Survey, SurveyConfig, SurveyError, Trial, VerticalDatum, View, sparse_ground,
 };
 
 /// A survey in the project's frame.
@@ -153,7 +153,7 @@ pub(super) fn place_in(
     let report = reading.report(Site { terrain: terrain.as_ref(), area: None });
     if !report.is_sound() {
         let why = report.findings.join("; ");
-        let better: Vec<String> = report.trials.iter().map(ToString::to_string).collect();
+        let better: Vec<String> = report.trials.iter().map(Trial::advice).collect();
         let inspect = "`sizeup survey inspect --config` says more".to_owned();
         notes.lacks.push(Lack::new("poses that look right", why, better.into_iter().next().unwrap_or(inspect)));
     }

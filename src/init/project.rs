@@ -15,7 +15,11 @@ use super::poses::{self, Passed, PoseChoice, PoseSource};
 use super::sheet;
 use super::{InitError, InitRequest};
 use crate::config::RunConfig;
-use sizeup_survey::{Format, PhotoFacts, PoseWorld, photo_facts};
+use sizeup_heights::stats::median;
+use sizeup_survey::{FirstLook, Format, PhotoFacts, PoseWorld, photo_facts};
+
+/// Drones and survey aircraft fly lower than this, metres.
+const HIGHEST_FLIGHT_M: f64 = 10_000.0;
 
 /// Something without which no run can be.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -208,11 +212,12 @@ fn find(request: &InitRequest) -> Result<Findings, InitError> {
     let images = images_of(&source, &inventory);
     // Pictures elsewhere in the folder are none of the flight's.
     let is_of_flight = |photo: &PhotoFacts| images.as_ref().is_none_or(|folder| photo.path.starts_with(folder));
-    let facts = facts.into_iter().filter(is_of_flight).collect();
+    let facts: Vec<PhotoFacts> = facts.into_iter().filter(is_of_flight).collect();
     let place = PhotoPlaces::of(&source.look).read_in(request.crs.as_deref());
+    let seen = place.clone().seen_from(flying_height_m(&source.look, &facts));
     let footprints = match &request.footprints {
-        Some(path) => LayerChoice { chosen: Some(footprints::named(path, &place)?), passed: Vec::new() },
-        None => footprints::choose(&inventory, &place),
+        Some(path) => LayerChoice { chosen: Some(footprints::named(path, &seen)?), passed: Vec::new() },
+        None => footprints::choose(&inventory, &seen),
     };
     let ground = match (&request.dtm, request.ground_m) {
         (Some(path), _) => GroundChoice { chosen: Some(ground::named(path, &place)?), passed: Vec::new() },
@@ -220,6 +225,15 @@ fn find(request: &InitRequest) -> Result<Findings, InitError> {
         (None, None) => ground::choose(&inventory, &place),
     };
     Ok(Findings { facts, source, passed, images, footprints, ground })
+}
+
+/// How high above the ground the photos were taken, as far as that is known before there is any ground: as the drone counted from its
+/// take-off, else at most as high as above the zero of heights, metres.
+fn flying_height_m(look: &FirstLook, facts: &[PhotoFacts]) -> f64 {
+    let above_takeoff: Vec<f64> = facts.iter().filter_map(|photo| photo.relative_m).collect();
+    let above_zero = || median(&look.positions.iter().map(|position| position.z).collect::<Vec<f64>>());
+    // Positions from the earth's centre tell no height so.
+    median(&above_takeoff).or_else(above_zero).filter(|height_m| *height_m < HIGHEST_FLIGHT_M).unwrap_or(0.0)
 }
 
 /// The folder of the photos.

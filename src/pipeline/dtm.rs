@@ -3,15 +3,19 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
+use geo::Centroid as _;
 use geo_types::Polygon;
+use glam::DVec3;
 
+use super::apart::check_apart;
+use super::input::check_baseline;
 use super::{Event, PipelineError, Tell, soundness};
 use crate::config::RunConfig;
 use sizeup_footprints::FootprintSource;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::geodata::raster::RasterFile;
 use sizeup_geo::geodata::{GridPlace, write_geotiff};
-use sizeup_geo::terrain::{self, TerrainConfig};
+use sizeup_geo::terrain::{self, Terrain, TerrainConfig};
 use sizeup_photos::dtm::{self, Dtm, DtmConfig};
 use sizeup_results::output::geopackage::{self, ProjectGround};
 use sizeup_results::output::picture::{relief_map, write_png};
@@ -39,31 +43,58 @@ pub fn dtm_of_photos(
         });
     }
     let reading = soundness::read(config)?;
-    make(config, reading.survey(), settings, progress)
+    Place::of(config, reading.survey(), settings)?.dtm(reading.survey(), settings, progress)
 }
 
-fn make(
-    config: &RunConfig,
-    survey: &Survey,
-    settings: &DtmConfig,
-    progress: &(dyn Fn(usize, usize) + Sync),
-) -> Result<(Dtm, Vec<Polygon<f64>>), PipelineError> {
-    let footprints = match &config.footprints {
-        FootprintSource::Layer(layer) => sizeup_footprints::read(layer, &config.project.crs)?.footprints,
-        FootprintSource::Masks(_) | FootprintSource::Network(_) => Vec::new(),
-    };
-    let footprints: Vec<Polygon<f64>> = footprints.into_iter().map(|f| f.polygon).collect();
-    let polygons: Vec<&Polygon<f64>> = footprints.iter().collect();
-    let area = dtm::area(&survey.views, &polygons, settings);
-    let rough = terrain::load(&config.terrain, &config.project.crs, area)?;
-    let dtm = dtm::estimate(&survey.views, &polygons, &rough, settings, progress)?;
-    Ok((dtm, footprints))
+/// Footprints that a model is made around, and the ground that it starts from.
+struct Place {
+    footprints: Vec<Polygon<f64>>,
+    rough: Terrain,
+}
+
+impl Place {
+    fn of(config: &RunConfig, survey: &Survey, settings: &DtmConfig) -> Result<Self, PipelineError> {
+        let footprints = match &config.footprints {
+            FootprintSource::Layer(layer) => {
+                let layer = sizeup_footprints::read(layer, &config.project.crs)?;
+                check_apart(config, survey, &layer)?;
+                layer.footprints.into_iter().map(|footprint| footprint.polygon).collect()
+            }
+            FootprintSource::Masks(_) | FootprintSource::Network(_) => Vec::new(),
+        };
+        let polygons: Vec<&Polygon<f64>> = footprints.iter().collect();
+        let area = dtm::area(&survey.views, &polygons, settings);
+        let rough = terrain::load(&config.terrain, &config.project.crs, area)?;
+        Ok(Self { footprints, rough })
+    }
+
+    fn dtm(
+        self,
+        survey: &Survey,
+        settings: &DtmConfig,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<(Dtm, Vec<Polygon<f64>>), PipelineError> {
+        let polygons: Vec<&Polygon<f64>> = self.footprints.iter().collect();
+        let dtm = dtm::estimate(&survey.views, &polygons, &self.rough, settings, progress)?;
+        Ok((dtm, self.footprints))
+    }
+
+    /// Middles of the footprints on the rough ground.
+    fn targets(&self) -> Vec<DVec3> {
+        let target = |polygon: &Polygon<f64>| {
+            let middle = polygon.centroid()?;
+            Some(DVec3::new(middle.x(), middle.y(), self.rough.height_at(middle.x(), middle.y())?))
+        };
+        self.footprints.iter().filter_map(target).collect()
+    }
 }
 
 /// Makes the model that a run asks for, and writes it where [`terrain_in_force`] looks for it.
 pub(super) fn for_run(config: &RunConfig, survey: &Survey, tell: Tell<'_>) -> Result<(), PipelineError> {
     let Some(settings) = &config.dtm else { return Ok(()) };
-    let (dtm, footprints) = make(config, survey, settings, &|done, total| tell(Event::Ground { done, total }))?;
+    let place = Place::of(config, survey, settings)?;
+    check_baseline(config, survey, &place.targets())?;
+    let (dtm, footprints) = place.dtm(survey, settings, &|done, total| tell(Event::Ground { done, total }))?;
     write_dtm(&dtm, &config.project.crs, &path_of(config))?;
     if config.output.pictures {
         let polygons: Vec<&Polygon<f64>> = footprints.iter().collect();

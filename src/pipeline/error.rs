@@ -76,6 +76,14 @@ pub enum PipelineError {
         /// Advice to the user: what to change or to look at.
         hint: &'static str,
     },
+    /// Input that cannot be used as it is, with advice that depends on it.
+    #[error("{message}\nhint: {hint}")]
+    Unusable {
+        /// The expected and the found, in words.
+        message: String,
+        /// Advice to the user: what to change or to look at.
+        hint: String,
+    },
     /// No prior could be loaded.
     #[error("none of the {n} depth priors asked for could be used; the first, of {view}: {reason}")]
     NoPriors {
@@ -135,9 +143,12 @@ impl PipelineError {
             | Self::Dtm(_)
             | Self::Align(_)
             | Self::Mismatch { .. }
+            | Self::Unusable { .. }
             | Self::NoPriors { .. }
             | Self::Artefact { .. } => 3,
-            Self::Output(_) | Self::Model(_) | Self::File(_) => 4,
+            Self::Output(error) => error.exit_code(),
+            Self::File(error) if error.is_of_input() => 3,
+            Self::Model(_) | Self::File(_) => 4,
         }
     }
 }

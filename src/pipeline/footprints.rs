@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use glam::DVec2;
 
+use super::apart::check_apart;
 use super::dtm::terrain_in_force;
 use super::stages::load_terrain;
 use super::{FootprintStage, HeightStage, PipelineError, pictures};
@@ -25,6 +26,7 @@ pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStag
         FootprintSource::Layer(layer) => {
             let layer = sizeup_footprints::read(layer, &config.project.crs)?;
             require_footprints(&layer)?;
+            check_apart(config, survey, &layer)?;
             let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
             require_bare_ground(config, &layer, &terrain.terrain)?;
             return Ok((on_ground(config, layer, &terrain), terrain.terrain));

@@ -24,7 +24,9 @@ use sizeup_heights::optimise::{
 };
 use sizeup_heights::render::PlacedCamera;
 use sizeup_heights::scene::Scene;
-use sizeup_photos::prior::{GroundCorrelation, PriorConfig, Priors, ground_correlation, judge_tag, judge_unit};
+use sizeup_photos::prior::{
+    GroundCorrelation, PriorConfig, PriorKind, Priors, ground_correlation, judge_tag, judge_unit, surely_inverted,
+};
 use sizeup_survey::{Survey, View, ViewKind, mismatch};
 
 /// Full sweeps that parts get among buildings whose heights are known from the round before.
@@ -85,7 +87,7 @@ impl<'a> HeightSearch<'a> {
                 None => {
                     require_matched_photos(self.config, self.survey)?;
                     let store = PriorStore::open(self.config, self.survey, stage)?;
-                    require_a_prior(self.survey, &store, &stage.terrain, self.tell)?;
+                    require_a_prior(self, &store, &stage.terrain)?;
                     opened.insert((stage.terrain.clone(), store))
                 }
             };
@@ -325,10 +327,9 @@ pub(super) fn view_inputs(config: &RunConfig, survey: &Survey, scene: &Scene) ->
 /// is nothing to solve, and the settings are wrong, not single photos), and whether they follow the ground. Computed priors are told
 /// of as they are computed; what they need is photos.
 fn require_a_prior(
-    survey: &Survey,
+    &HeightSearch { config, survey, tell, .. }: &HeightSearch<'_>,
     priors: &PriorStore,
     terrain: &Terrain,
-    tell: Tell<'_>,
 ) -> Result<(), PipelineError> {
     if !matches!(priors.source(), Priors::Files(_)) {
         return require_photos(survey);
@@ -351,6 +352,9 @@ fn require_a_prior(
             }
             Err(error) => drop(first.get_or_insert((view, error.to_string()))),
         }
+    }
+    if let Some(median) = surely_inverted(&correlations) {
+        return Err(inverted(&config.prior, correlations.len(), median));
     }
     if judge_tag(&correlations).is_some() {
         tell(Event::PriorsDoubted { n_views: correlations.len() });
@@ -378,6 +382,25 @@ pub(super) fn require_matched_photos(config: &RunConfig, survey: &Survey) -> Res
             })
         }
         _ => Ok(()),
+    }
+}
+
+/// A tag that all of some views contradict.
+fn inverted(prior: &PriorConfig, n_views: usize, median: f64) -> PipelineError {
+    let kind = match prior {
+        PriorConfig::Files(files) => files.kind,
+        PriorConfig::Network(_) | PriorConfig::Stereo(_) | PriorConfig::Auto(_) => None,
+    };
+    let (is, other) = match kind {
+        Some(PriorKind::InverseDepth) => ("inverse_depth", "depth"),
+        Some(PriorKind::Depth) | None => ("depth", "inverse_depth"),
+    };
+    PipelineError::Unusable {
+        message: format!(
+            "[prior] the prior is inverted: in all {n_views} photos that were looked at it says near where the ground is far (rank \
+             correlation {median:.2}, median; expected it clearly positive)"
+        ),
+        hint: format!("the files hold the other kind: set prior.kind = \"{other}\" (now \"{is}\")"),
     }
 }
 

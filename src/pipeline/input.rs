@@ -1,10 +1,11 @@
 //! Checks across stages: do survey, footprints and terrain speak of the same place?
 
-use geo::{BoundingRect as _, Centroid as _};
+use geo::Centroid as _;
 use glam::DVec3;
 use rayon::prelude::*;
 use serde_json::{Map as JsonMap, Value};
 
+use super::apart::no_overlap;
 use super::{FootprintStage, PipelineError};
 use crate::config::RunConfig;
 use sizeup_footprints::{Footprint, attribute};
@@ -12,14 +13,21 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::GroundLevel;
 use sizeup_heights::scene::HeightBounds;
 use sizeup_results::output::fallback::FallbackSource;
-use sizeup_survey::{Survey, ViewKind};
+use sizeup_survey::{Survey, ViewKind, Viewpoints};
 
 /// Code of the issue of footprints that are in no photo.
 const UNSEEN: &str = "footprints_unseen";
 const RANGE_HINT: &str = "set heights.min_m and heights.max_m in metres above ground";
 
+/// Buildings that are looked at to learn from how many places the photos were taken.
+const N_LOOKED_AT: usize = 200;
+
 /// Checks that the views look at the footprints from above; returns the lowest flying height above ground, metres.
-pub(super) fn check_views(survey: &Survey, footprints: &FootprintStage) -> Result<f64, PipelineError> {
+pub(super) fn check_views(
+    config: &RunConfig,
+    survey: &Survey,
+    footprints: &FootprintStage,
+) -> Result<f64, PipelineError> {
     let targets = targets(footprints);
     if footprints.layer.footprints.is_empty() && footprints.detection.is_some() {
         return Err(PipelineError::Mismatch {
@@ -40,8 +48,30 @@ pub(super) fn check_views(survey: &Survey, footprints: &FootprintStage) -> Resul
             hint: "heights are measured in photos tilted by more than 15°; check the angle convention of the poses",
         });
     }
-    check_overlap(survey, footprints)?;
+    check_overlap(config, survey, footprints)?;
+    check_baseline(config, survey, &targets)?;
     clearance_m(survey, highest_ground)
+}
+
+/// Checks that the oblique photos of some building, on its ground, were taken from different places, where heights come from matching
+/// photos with each other.
+pub(super) fn check_baseline(config: &RunConfig, survey: &Survey, targets: &[DVec3]) -> Result<(), PipelineError> {
+    if !config.prior.matches_photos() {
+        return Ok(());
+    }
+    let oblique = || survey.views.iter().filter(|view| view.kind() == ViewKind::Oblique);
+    let sample = targets.iter().step_by(targets.len().div_ceil(N_LOOKED_AT).max(1));
+    let seen = sample.map(|target| Viewpoints::of(oblique(), *target)).filter(|seen| seen.n_views > 1);
+    let seen: Vec<Viewpoints> = seen.collect();
+    if seen.is_empty() || !seen.iter().all(|seen| seen.lack_baseline()) {
+        return Ok(());
+    }
+    Err(PipelineError::Mismatch {
+        message: "there is no baseline: all oblique photos that show a building were taken from one place, and photos from one place \
+                  show no heights"
+            .to_owned(),
+        hint: "take the photos from different places: fly around or past the buildings instead of turning the camera on the spot",
+    })
 }
 
 /// The middle of each footprint on its ground, where that is known.
@@ -55,21 +85,29 @@ fn targets(footprints: &FootprintStage) -> Vec<DVec3> {
 }
 
 /// Checks that some view, of whatever kind, sees some footprint.
-fn check_overlap(survey: &Survey, footprints: &FootprintStage) -> Result<(), PipelineError> {
+fn check_overlap(config: &RunConfig, survey: &Survey, footprints: &FootprintStage) -> Result<(), PipelineError> {
     let targets = targets(footprints);
     let is_seen = |target: &DVec3| is_in_a_photo(survey, *target);
-    if targets.is_empty() || targets.iter().any(is_seen) { Ok(()) } else { Err(no_overlap(survey, footprints)) }
+    if targets.is_empty() || targets.iter().any(is_seen) {
+        Ok(())
+    } else {
+        Err(no_overlap(config, survey, &footprints.layer))
+    }
 }
 
 /// A warning where footprints are in no photo.
 ///
 /// # Errors
-/// [`PipelineError::Mismatch`] where all are.
-pub(super) fn unseen(survey: &Survey, footprints: &FootprintStage) -> Result<Option<Issue>, PipelineError> {
+/// [`PipelineError::Unusable`] where all are.
+pub(super) fn unseen(
+    config: &RunConfig,
+    survey: &Survey,
+    footprints: &FootprintStage,
+) -> Result<Option<Issue>, PipelineError> {
     let targets = targets(footprints);
     let n_unseen = targets.par_iter().filter(|target| !is_in_a_photo(survey, **target)).count();
     if n_unseen == targets.len() && n_unseen > 0 {
-        return Err(no_overlap(survey, footprints));
+        return Err(no_overlap(config, survey, &footprints.layer));
     }
     let message = format!("{n_unseen} of {} footprints are in no photo", targets.len());
     let subject = Subject::Input("footprints".to_owned());
@@ -96,26 +134,6 @@ pub(super) fn clearance_m(survey: &Survey, highest_ground: f64) -> Result<f64, P
         });
     }
     Ok(lowest)
-}
-
-fn no_overlap(survey: &Survey, footprints: &FootprintStage) -> PipelineError {
-    let rects = footprints.layer.footprints.iter().filter_map(|f| f.polygon.bounding_rect());
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for rect in rects {
-        low = [low[0].min(rect.min().x), low[1].min(rect.min().y)];
-        high = [high[0].max(rect.max().x), high[1].max(rect.max().y)];
-    }
-    let centres: Vec<DVec3> = survey.views.iter().map(|v| v.camera_from_map.centre()).collect();
-    let near = centres.iter().copied().reduce(DVec3::min).unwrap_or_default();
-    let far = centres.iter().copied().reduce(DVec3::max).unwrap_or_default();
-    PipelineError::Mismatch {
-        message: format!(
-            "no view sees any footprint: the footprints lie in E {:.0} to {:.0}, N {:.0} to {:.0}, the cameras in \
-             E {:.0} to {:.0}, N {:.0} to {:.0}",
-            low[0], high[0], low[1], high[1], near.x, far.x, near.y, far.y
-        ),
-        hint: "check the CRS and offset of the survey, the CRS of the footprints, and the angle convention",
-    }
 }
 
 /// Checks what the settings alone can tell, before any work.

@@ -11,6 +11,7 @@
 //! run. A run can stop after any stage and start at any, from what earlier runs left behind.
 
 mod above;
+mod apart;
 mod artefact;
 mod backdrop;
 mod contents;

@@ -65,6 +65,6 @@ fn findings(report: &SurveyReport) -> String {
     let found = report.findings.iter().map(|finding| format!("  - {finding}"));
     let first = report.issues.iter().filter(|issue| issue.severity == Severity::Refused).take(1);
     let first = first.map(|issue| format!("  - the first refused item: {}", issue.message));
-    let hints = report.trials.iter().map(|trial| format!("  hint: {trial}"));
+    let hints = report.trials.iter().map(|trial| format!("  hint: {}", trial.advice()));
     found.chain(first).chain(hints).collect::<Vec<_>>().join("\n")
 }

@@ -182,7 +182,7 @@ fn sum_up_without_heights(
     footprints: &FootprintStage,
     summary: &mut RunSummary,
 ) -> Result<(), PipelineError> {
-    let unseen = unseen(survey, footprints)?;
+    let unseen = unseen(config, survey, footprints)?;
     summary.worst = unseen.as_ref().map(|issue| issue.message.clone());
     let all = survey.issues.iter().chain(&footprints.layer.issues).chain(&footprints.issues);
     let found: Vec<Issue> = all.cloned().chain(unseen).collect();
@@ -272,7 +272,7 @@ pub(super) struct SceneStage {
 
 impl SceneStage {
     pub fn new(config: &RunConfig, survey: &Survey, footprints: &FootprintStage) -> Result<Self, PipelineError> {
-        let bounds = height_bounds(config, check_views(survey, footprints)?)?;
+        let bounds = height_bounds(config, check_views(config, survey, footprints)?)?;
         let area = extent(footprints.layer.footprints.iter().map(|f| &f.polygon));
         let (origin, ground_spacing_m) =
             area.map_or((LocalOrigin(DVec3::ZERO), 0.0), |area| (origin(survey, area), ground_told::spacing_m(area)));

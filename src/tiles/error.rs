@@ -132,7 +132,9 @@ impl TilesError {
             | Self::TooLarge { .. }
             | Self::Heights { .. } => 2,
             Self::Plan { .. } | Self::Stale { .. } | Self::Missing { .. } => 3,
-            Self::ChangedMeanwhile { .. } | Self::Start { .. } | Self::Output(_) | Self::File(_) => 4,
+            Self::Output(error) => error.exit_code(),
+            Self::File(error) if error.is_of_input() => 3,
+            Self::ChangedMeanwhile { .. } | Self::Start { .. } | Self::File(_) => 4,
         }
     }
 }

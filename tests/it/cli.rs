@@ -60,6 +60,49 @@ fn a_call_without_arguments_shows_the_help_and_is_a_usage_error() {
 }
 
 #[test]
+fn a_misspelt_subcommand_and_a_misspelt_flag_are_answered_with_the_right_one() {
+    for (args, meant) in [
+        (&["rnu"][..], "'run'"),
+        (&["footprint"], "'footprints'"),
+        (&["tiles", "pln"], "'plan'"),
+        (&["run", "--outptu", "x"], "'--output'"),
+        (&["run", "--until", "heigths"], "'heights'"),
+    ] {
+        let told = outcome(args);
+        assert_eq!((told.code, &*told.stdout), (2, ""));
+        assert!(told.stderr.contains("similar") && told.stderr.contains(meant), "{args:?}: {}", told.stderr);
+    }
+}
+
+#[test]
+fn commands_take_the_configuration_that_lies_beside_them() {
+    let scene = Scene::new();
+    let ran = scene.sizeup(&["run"]);
+    assert!([0, 5].contains(&ran.code), "{}", ran.stderr);
+    let view = scene.stems().into_iter().find(|stem| stem.contains("oblique")).unwrap();
+    let looked = scene.sizeup(&["look", &view, "--output", "panel.png"]);
+    assert!(looked.code == 0 && scene.path("panel.png").exists(), "{}", looked.stderr);
+    let named = scene.sizeup(&["look", "sizeup.toml", &view, "--output", "again.png"]);
+    assert!(named.code == 0 && scene.path("again.png").exists(), "{}", named.stderr);
+    let doctor = scene.sizeup(&["doctor"]);
+    assert!(doctor.stdout.contains("footprints.gpkg"), "it looks at the configuration too: {}", doctor.stdout);
+
+    let elsewhere = tempfile::tempdir().unwrap();
+    let bare =
+        |args: &[&str]| -> Outcome { sizeup().current_dir(elsewhere.path()).args(args).output().unwrap().into() };
+    for args in
+        [&["run"][..], &["run", "--tiled"], &["look", "a", "--output", "a.png"], &["footprints"], &["tiles", "plan"]]
+    {
+        let told = bare(args);
+        assert_eq!((told.code, &*told.stdout), (2, ""));
+        for word in ["there is no sizeup.toml in this folder", "hint: `sizeup init FOLDER`"] {
+            assert!(told.stderr.contains(word), "{args:?}: {}", told.stderr);
+        }
+    }
+    assert_eq!(bare(&["doctor"]).code, 0, "the machine needs no configuration");
+}
+
+#[test]
 fn the_version_goes_to_stdout() {
     let version = outcome(&["--version"]);
     assert_eq!((version.code, version.stdout.trim()), (0, concat!("sizeup ", env!("CARGO_PKG_VERSION"))));
@@ -312,7 +355,8 @@ fn a_wrong_tag_of_the_priors_is_told() {
     assert!(matches!(scene.run(&[]).code, 0 | 5));
     assert!(scene.issues("prior_looks_inverted").is_empty(), "the right tag raises no doubt");
     scene.edit("sizeup.toml", |text| text.replace("kind = \"inverse_depth\"", "kind = \"depth\""));
-    assert!(matches!(scene.run(&[]).code, 0 | 5));
-    let told = scene.issues("prior_looks_inverted");
-    assert!(told.len() == 1 && told[0]["hint"].as_str().unwrap().contains("inverse_depth"), "{told:?}");
+    let refused = scene.run(&["--set", "seed=2"]);
+    assert_eq!(refused.code, 3, "{}", refused.stderr);
+    assert!(refused.stderr.contains("inverted") && !refused.stderr.contains("tracing rays"), "{}", refused.stderr);
+    assert!(scene.issues("prior_looks_inverted").is_empty(), "the results are those of before");
 }

@@ -247,6 +247,64 @@ fn a_run_that_is_killed_before_it_replaces_anything_is_seen_beside_the_older_res
 }
 
 #[test]
+fn a_second_run_into_one_folder_is_refused_while_the_first_is_alive() {
+    let scene = Scene::new();
+    let mark = scene.path("result/UNFINISHED.txt");
+    let mut first = Command::new(env!("CARGO_BIN_EXE_sizeup"))
+        .current_dir(scene.path(""))
+        .args(["run", "sizeup.toml", "--set", "seed=7"])
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    while !mark.exists() && first.try_wait().unwrap().is_none() {
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    let second = scene.run(&[]);
+    assert!(first.try_wait().unwrap().is_none(), "the first is alive");
+    assert_eq!(second.code, 4, "{}", second.stderr);
+    let process = format!("process {} (`", first.id());
+    for words in ["cannot write into result", &process, "still writing its results there", "hint: ", "--output"] {
+        assert!(second.stderr.contains(words), "{words:?} is missing in: {}", second.stderr);
+    }
+    assert!(scene.run(&["--output", "other", "--until", "survey"]).code == 0, "another folder is free");
+    assert!([0, 5].contains(&first.wait().unwrap().code().unwrap()));
+    assert!(!mark.exists() && scene.path("result/city.gpkg").exists(), "the first has come to its end");
+    assert!([0, 5].contains(&scene.run(&[]).code), "and then the second may");
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_and_a_full_disk_are_told_with_a_hint() {
+    let scene = Scene::new();
+    let disk = scene.path("disk");
+    std::fs::create_dir(&disk).unwrap();
+    let in_namespace = |options: &str, script: &str| {
+        let mount = format!("mount -t tmpfs -o {options} none {}", disk.display());
+        Command::new("unshare")
+            .current_dir(scene.path(""))
+            .args(["--user", "--map-root-user", "--mount", "bash", "-c", &format!("{mount} && {script}")])
+            .output()
+    };
+    if !in_namespace("size=16k", "true").is_ok_and(|o| o.status.success()) {
+        skip("this system allows no disk of one's own");
+        return;
+    }
+    let sizeup = env!("CARGO_BIN_EXE_sizeup");
+    let run = format!("{sizeup} run sizeup.toml --output disk/result");
+    let init = format!("{sizeup} init . --output disk/town/sizeup.toml --ground 20");
+    for (options, script, hint) in [
+        ("ro", &run, "hint: you may not write there"),
+        ("ro", &init, "hint: you may not write there"),
+        ("size=16k", &run, "hint: the disk is full"),
+        ("size=256k", &run, "hint: the disk is full"),
+    ] {
+        let outcome = in_namespace(options, script).unwrap();
+        let stderr = String::from_utf8_lossy(&outcome.stderr);
+        assert_eq!(outcome.status.code(), Some(4), "{options}: {stderr}");
+        assert!(stderr.contains(hint) && stderr.contains("disk/"), "{options}: {stderr}");
+    }
+}
+
+#[test]
 fn several_writers_of_one_file_never_mix() {
     let folder = tempfile::tempdir().unwrap();
     let inputs = [input(folder.path(), "a"), input(folder.path(), "b")];

@@ -1035,3 +1035,72 @@ fn a_crs_in_feet_that_is_asked_for_names_its_twin_in_metres() {
     long_island(&desk, "");
     assert_refused(&desk, &["flight", "--crs", "EPSG:2263"], 2, &["--crs", "EPSG:2263", "feet"], &["EPSG:32118"]);
 }
+
+/// Poses of four photos 100 m above the ground, with a direction each: where, and by how much they look up from straight down to the
+/// east.
+fn poses_looking_east(desk: &Desk, places: [(f64, f64); 4], tilts_deg: [f64; 4]) {
+    desk.bring("images", "images");
+    let names = survey().views.into_iter().map(|view| view.id.0);
+    let mut text = "name,x,y,z,omega,phi,kappa,width,height,fx,cx,cy\n".to_owned();
+    for ((name, (x, y)), tilt_deg) in names.zip(places).zip(tilts_deg) {
+        let z = GROUND_M + 100.0;
+        writeln!(text, "{name},{x},{y},{z},0,{},0,960,720,900,480,360", -tilt_deg).unwrap();
+    }
+    fs::write(desk.path("flight/poses.csv"), text).unwrap();
+}
+
+/// A layer with one square building, its south-western corner at a place.
+fn square(desk: &Desk, (x, y): (f64, f64), crs: &str) {
+    let ring = [(0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0), (0.0, 0.0)].map(|(dx, dy)| [x + dx, y + dy]);
+    let layer = json!({
+        "type": "FeatureCollection",
+        "crs": { "type": "name", "properties": { "name": crs } },
+        "features": [{ "type": "Feature", "properties": { "building": "yes" },
+                       "geometry": { "type": "Polygon", "coordinates": [ring] } }],
+    });
+    fs::write(desk.path("flight/buildings.geojson"), layer.to_string()).unwrap();
+}
+
+const SPREAD: [(f64, f64); 4] =
+    [(565_000.0, 5_933_000.0), (565_000.0, 5_933_030.0), (565_010.0, 5_933_060.0), (565_010.0, 5_933_090.0)];
+
+#[test]
+fn buildings_that_a_flight_shows_from_afar_are_its_footprints() {
+    let desk = Desk::new();
+    poses_looking_east(&desk, SPREAD, [66.0, 68.0, 66.0, 68.0]);
+    square(&desk, (565_260.0, 5_933_040.0), "EPSG:25832");
+    let (summary, outcome) = desk.init(&["--crs", CRS, "--ground", "23"]);
+    assert_eq!(outcome.code, 0, "{}\n{}", outcome.stderr, desk.text());
+    assert_eq!(summary["footprints"]["n_polygons"], 1, "{summary:#}");
+    assert_eq!(missing(&summary), Vec::<String>::new());
+}
+
+#[test]
+fn footprints_in_a_wrong_zone_are_told_with_their_distance() {
+    let desk = Desk::new();
+    poses_looking_east(&desk, SPREAD, [66.0, 68.0, 66.0, 68.0]);
+    square(&desk, (565_260.0, 5_933_040.0), "EPSG:25833");
+    let (summary, outcome) = desk.init(&["--crs", CRS, "--ground", "23"]);
+    assert_eq!(outcome.code, 3, "{}", outcome.stderr);
+    let why = summary["other_layers"][0]["why"].as_str().unwrap();
+    assert!(why.contains(" km away") && why.contains("CRS (its zone, too)"), "{why}");
+}
+
+#[test]
+fn photos_from_one_spot_are_told_to_be_taken_from_different_places() {
+    let desk = Desk::new();
+    let here = (565_000.0, 5_933_000.0);
+    poses_looking_east(&desk, [here, (here.0 + 0.7, here.1), here, (here.0, here.1 - 0.6)], [30.0, 40.0, 45.0, 35.0]);
+    square(&desk, (565_070.0, 5_932_990.0), "EPSG:25832");
+    let (summary, outcome) = desk.init(&["--crs", CRS, "--ground", "23"]);
+    assert_eq!(outcome.code, 3, "{}", outcome.stderr);
+    assert_eq!(missing(&summary), ["photos from different places"], "{}", outcome.stderr);
+    for more in [&[][..], &["--set", "dtm.within_m=15"]] {
+        let run = desk.run(&[&["run", "--set", "align.when=never"], more].concat());
+        assert_eq!(run.code, 3, "{}", run.stderr);
+        for words in ["there is no baseline", "taken from one place", "hint: take the photos from different places"] {
+            assert!(run.stderr.contains(words), "{words:?}: {}", run.stderr);
+        }
+        assert!(!run.stderr.contains("rough level") && !desk.path("result/city.gpkg").exists(), "{}", run.stderr);
+    }
+}

@@ -59,6 +59,21 @@ fn elsewhere(scene: &Scene) {
     set(scene, "dtm = \"dtm.tif\"", "constant_m = 0.0");
 }
 
+/// Footprints and poses are in zone 32, and said to be in zone 33; the terrain model is where it belongs.
+fn all_in_zone_33(scene: &Scene) {
+    scene.change_footprints(|_| {});
+    scene.edit("footprints.geojson", |text| text.replace("25832", "25833"));
+    set(scene, "EPSG:25832", "EPSG:25833");
+}
+
+/// One corner of the first footprint lies far in the east.
+fn long_footprint(scene: &Scene) {
+    scene.change_footprints(|features| {
+        let corner = &mut features[0]["geometry"]["coordinates"][0][1][0];
+        *corner = json!(corner.as_f64().unwrap() + 1_000_000.0);
+    });
+}
+
 fn square_priors(scene: &Scene) {
     for stem in scene.stems() {
         scene.write_prior(&stem, 100, 100, &vec![1.0; 100 * 100]);
@@ -84,7 +99,7 @@ fn poses_without_angles(scene: &Scene) {
 }
 
 /// The mistakes of a first hour.
-const MISTAKES: [Mistake; 38] = [
+const MISTAKES: [Mistake; 46] = [
     Mistake {
         made: "points in place of footprints",
         make: points,
@@ -127,7 +142,7 @@ const MISTAKES: [Mistake; 38] = [
         args: &["run", "sizeup.toml", "--set", "optimise.preset=papr"],
         code: 2,
         says: &["--set optimise.preset=papr"],
-        hint: &["robust", "paper"],
+        hint: &["did you mean `paper`?", "robust", "paper"],
     },
     Mistake {
         made: "a misspelt kind of prior in the file",
@@ -206,8 +221,72 @@ const MISTAKES: [Mistake; 38] = [
         make: nothing,
         args: &["run", "sizeup.toml", "--set", "project.crs=EPSG:25833"],
         code: 3,
-        says: &["no view sees any footprint", "the cameras in E"],
-        hint: &["CRS"],
+        says: &["no view sees any footprint", " km from the cameras", "the cameras in E"],
+        hint: &["CRS is the likely cause", "project.crs = \"EPSG:25832\""],
+    },
+    Mistake {
+        made: "the neighbouring zone where the photos are to tell the ground",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "project.crs=EPSG:25833", "--set", "dtm.within_m=15"],
+        code: 3,
+        says: &["no view sees any footprint", " km from the cameras"],
+        hint: &["project.crs = \"EPSG:25832\""],
+    },
+    Mistake {
+        made: "the neighbouring zone for all but the terrain model",
+        make: all_in_zone_33,
+        args: RUN,
+        code: 3,
+        says: &["[terrain]", "dtm.tif", " km away"],
+        hint: &["not the model", "project.crs = \"EPSG:25832\""],
+    },
+    Mistake {
+        made: "an inverted prior",
+        make: |scene| set(scene, "kind = \"inverse_depth\"", "kind = \"depth\""),
+        args: RUN,
+        code: 3,
+        says: &["[prior] the prior is inverted: in all ", "rank correlation -0."],
+        hint: &["prior.kind = \"inverse_depth\" (now \"depth\")"],
+    },
+    Mistake {
+        made: "a Windows path in double quotes that is no TOML",
+        make: |scene| set(scene, "path = \"sparse\"", r#"path = "D:\survey\sparse""#),
+        args: RUN,
+        code: 2,
+        says: &["sizeup.toml", r"D:\survey\sparse"],
+        hint: &["\"D:/survey/sparse\"", r"'D:\survey\sparse'"],
+    },
+    Mistake {
+        made: "a Windows path in double quotes that TOML reads as something else",
+        make: |scene| set(scene, "path = \"sparse\"", r#"path = "C:\flight\new""#),
+        args: RUN,
+        code: 2,
+        says: &[r#"`survey.path = "C:\flight\new"` holds control characters"#],
+        hint: &["\"C:/flight/new\"", r"'C:\flight\new'"],
+    },
+    Mistake {
+        made: "the same on the command line",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", r#"terrain.dtm="D:\dtm.tif""#],
+        code: 2,
+        says: &["--set terrain.dtm="],
+        hint: &["\"D:/dtm.tif\""],
+    },
+    Mistake {
+        made: "another source of priors on the command line, without photos",
+        make: nothing,
+        args: &["run", "sizeup.toml", "--set", "prior.source=stereo"],
+        code: 2,
+        says: &["[prior]", "computed from the photos"],
+        hint: &["survey.images"],
+    },
+    Mistake {
+        made: "a footprint with a corner a thousand kilometres away",
+        make: long_footprint,
+        args: RUN,
+        code: 3,
+        says: &["[footprints] the footprint ", "is 1000 km long"],
+        hint: &["mend the footprint"],
     },
     Mistake {
         made: "footprints without a CRS",
@@ -271,7 +350,7 @@ const MISTAKES: [Mistake; 38] = [
         args: RUN,
         code: 2,
         says: &["sizeup.toml", "unknown field `pth`", "`path`"],
-        hint: &["sizeup schema run"],
+        hint: &["did you mean `path`?", "sizeup schema run"],
     },
     Mistake {
         made: "a misspelt table",
@@ -279,7 +358,7 @@ const MISTAKES: [Mistake; 38] = [
         args: RUN,
         code: 2,
         says: &["unknown field `gruond`", "`ground`"],
-        hint: &["sizeup schema run"],
+        hint: &["did you mean `ground`?", "sizeup schema run"],
     },
     Mistake {
         made: "a key without a value",
@@ -319,7 +398,7 @@ const MISTAKES: [Mistake; 38] = [
         args: &["run", "sizeup.toml", "--set", "optimise.prest=paper"],
         code: 2,
         says: &["unknown field `prest`", "`preset`"],
-        hint: &["sizeup schema run"],
+        hint: &["did you mean `preset`?", "sizeup schema run"],
     },
     Mistake {
         made: "heights that cannot be",

@@ -22,6 +22,12 @@ pub struct FileError {
 }
 
 impl FileError {
+    /// Whether a file was to be read: then the input is at fault, and not the place of the results.
+    #[must_use]
+    pub fn is_of_input(&self) -> bool {
+        self.action.starts_with("cannot read") || self.action.starts_with("cannot open")
+    }
+
     /// Adapter for `map_err`: `fs::read(path).map_err(FileError::on("cannot read", path))`.
     pub fn on<'a>(action: &'static str, path: &'a Path) -> impl FnOnce(io::Error) -> Self + 'a {
         move |source| Self { action, path: path.to_owned(), source }

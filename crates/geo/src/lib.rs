@@ -14,6 +14,7 @@ pub mod hashes;
 pub mod issue;
 pub mod kept;
 pub mod limits;
+pub mod lock;
 pub mod paths;
 pub mod template;
 pub mod terrain;

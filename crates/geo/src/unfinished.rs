@@ -2,12 +2,15 @@
 //!
 //! Each file is whole or absent, but a writer that is killed before its end leaves results of an earlier one, or between
 //! two files of its own those of both, side by side. The mark that it leaves too says so to whoever reads them.
+//!
+//! While a writer lives it holds the folder's lock, and a second one is refused.
 
 use std::fs;
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use crate::files::{FileError, read_text, write_whole};
+use crate::lock::Lock;
 
 /// Name of the file that marks a folder of unfinished results.
 pub const NAME: &str = "UNFINISHED.txt";
@@ -31,20 +34,31 @@ pub struct Unfinished {
     /// The folder and those above it that were not there before, the innermost first.
     made: Vec<PathBuf>,
     is_replacing: bool,
+    /// `None` where the file system has no locks.
+    _lock: Option<Lock>,
 }
 
 impl Unfinished {
     /// Lays the mark before anything is computed: results that are in the folder are of an earlier writer.
     ///
     /// # Errors
-    /// [`FileError`] where the folder cannot be written.
+    /// [`FileError`] where the folder cannot be written, or another writer is still at it.
     pub fn start(folder: &Path, command: &str) -> Result<Self, FileError> {
         let path = folder.join(NAME);
+        let made =
+            folder.ancestors().take_while(|f| !f.as_os_str().is_empty() && !f.exists()).map(Into::into).collect();
+        fs::create_dir_all(folder).map_err(FileError::on("cannot create", folder))?;
+        let lock = Lock::of_folder(folder).map_err(|_| FileError {
+            action: "cannot write into",
+            path: folder.to_owned(),
+            source: held(&path),
+        })?;
         let mut mark = Self {
+            _lock: lock,
+            made,
             command: command.to_owned(),
             text: String::new(),
             before: read_text(&path).ok().filter(|text| text.starts_with(REPLACING)),
-            made: folder.ancestors().take_while(|f| !f.as_os_str().is_empty() && !f.exists()).map(Into::into).collect(),
             is_replacing: false,
             path,
         };
@@ -124,6 +138,18 @@ impl Unfinished {
     }
 }
 
+/// Who is still at it, by the mark that they laid.
+fn held(mark: &Path) -> io::Error {
+    let text = read_text(mark).unwrap_or_default();
+    let writer = text.lines().nth(1).and_then(|line| {
+        let (process, command) = line.strip_prefix("Unless ")?.split_once(" is still at it, do it again: ")?;
+        Some(format!("{process} (`{command}`)"))
+    });
+    let writer = writer.unwrap_or_else(|| "another process".to_owned());
+    let hint = "wait until it has ended, or name another folder with `--output FOLDER`";
+    io::Error::new(ErrorKind::ResourceBusy, format!("{writer} is still writing its results there\nhint: {hint}"))
+}
+
 /// The first line of a mark on results: of a folder's, or of those of the folder that a file of results lies in.
 /// `None` where they are finished.
 #[must_use]
@@ -173,6 +199,10 @@ mod tests {
     fn a_mark_of_a_later_writer_stays() {
         let folder = tempfile::tempdir().unwrap();
         let first = Unfinished::start(folder.path(), "the first").unwrap();
+        let refused = Unfinished::begin(folder.path(), "the second").unwrap_err();
+        assert!(refused.source.to_string().contains("(`the first`) is still writing"), "{}", refused.source);
+        // As on a file system without locks.
+        let first = Unfinished { _lock: None, ..first };
         let second = Unfinished::begin(folder.path(), "the second").unwrap();
         first.finish().unwrap();
         assert!(told_of(folder.path()).is_some());

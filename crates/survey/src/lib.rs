@@ -37,6 +37,7 @@ mod stac;
 mod text;
 mod trials;
 mod view;
+mod viewpoints;
 mod whole;
 mod write;
 mod xml;
@@ -53,6 +54,7 @@ pub use photo::{PhotoFacts, photo_facts};
 pub use photos::{PhotoIndex, is_photo, is_result, mismatch};
 pub use report::{Spread, SurveyReport, Trial};
 pub use view::{View, ViewKind};
+pub use viewpoints::Viewpoints;
 pub use write::{ColmapModel, Converted, Target, TiePoint, convert, write};
 
 use serde::{Deserialize, Serialize};

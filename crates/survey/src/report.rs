@@ -176,6 +176,34 @@ impl fmt::Display for Trial {
     }
 }
 
+impl Trial {
+    /// The reading in words, with the lines of a configuration that declare it.
+    #[must_use]
+    pub fn advice(&self) -> String {
+        match self.lines() {
+            Some((table, lines)) => {
+                let lines: Vec<String> = lines.iter().map(|line| format!("`{line}`")).collect();
+                format!("{self}: write {} into [{table}] of the configuration", lines.join(" and "))
+            }
+            None => format!("{self}: no setting reads them so, export the poses again"),
+        }
+    }
+
+    /// The lines of a configuration that declare it, and their table; `None` where no setting does. All settings of one reading
+    /// belong to one table.
+    fn lines(&self) -> Option<(String, Vec<String>)> {
+        let mut table = String::new();
+        let lines = self.change.split(", ").map(|setting| {
+            let (key, value) = setting.split_once(" = ")?;
+            let (of, key) = key.rsplit_once('.').map_or((None, key), |(of, key)| (Some(of), key));
+            table = of.map_or_else(|| "survey".to_owned(), |of| format!("survey.{of}"));
+            Some(format!("{key} = {value}"))
+        });
+        let lines = lines.collect::<Option<Vec<String>>>()?;
+        Some((table, lines))
+    }
+}
+
 impl fmt::Display for SurveyReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut row = |label: &str, value: &dyn fmt::Display| writeln!(f, "  {label:<24}{value}");
@@ -233,8 +261,26 @@ impl fmt::Display for SurveyReport {
             writeln!(f, "  - {finding}")?;
         }
         for trial in &self.trials {
-            writeln!(f, "  hint: {trial}")?;
+            writeln!(f, "  hint: {}", trial.advice())?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reading_that_looks_better_names_the_lines_to_write() {
+        let told = |change: &str| {
+            let (sees_area, above_ground) = (None, None);
+            Trial { change: change.to_owned(), looks_down: 1.0, sees_area, above_ground }.advice()
+        };
+        let one = "with crs = \"EPSG:25833\", 100 % of the views look down: write `crs = \"EPSG:25833\"` into [survey] of the configuration";
+        assert_eq!(told("crs = \"EPSG:25833\""), one);
+        let two = told("height.reference = \"above_takeoff\", height.base = 12");
+        assert!(two.contains("write `reference = \"above_takeoff\"` and `base = 12` into [survey.height]"), "{two}");
+        assert!(told("camera axes x right, y up").ends_with("no setting reads them so, export the poses again"));
     }
 }

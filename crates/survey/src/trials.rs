@@ -134,8 +134,10 @@ fn rotations(poses: &Poses, config: &SurveyConfig) -> Vec<AlternativeReading> {
         AlternativeReading { change: change.to_owned(), poses, config: config.clone() }
     };
     let swapped = |pose: &mut Pose| pose.centre = DVec3::new(pose.centre.y, pose.centre.x, pose.centre.z);
-    let mut candidates = vec![changed("x and y exchanged", &swapped)];
-    if config.format == Format::Csv || config.csv.is_some() {
+    let is_table = config.format == Format::Csv || config.csv.is_some();
+    let exchanged = is_table.then(|| columns_exchanged(config)).flatten();
+    let mut candidates = vec![changed(exchanged.as_deref().unwrap_or("x and y exchanged"), &swapped)];
+    if is_table {
         let with_config = |(change, poses)| AlternativeReading { change, poses, config: config.clone() };
         candidates.extend(tables(config).into_iter().map(with_config));
         return candidates;
@@ -151,6 +153,14 @@ fn rotations(poses: &Poses, config: &SurveyConfig) -> Vec<AlternativeReading> {
         }),
     ]);
     candidates
+}
+
+/// The settings that exchange the columns of easting and northing; `None` where the table has none of these names.
+fn columns_exchanged(config: &SurveyConfig) -> Option<String> {
+    let mut csv = config.csv.clone().unwrap_or_default();
+    std::mem::swap(&mut csv.x, &mut csv.y);
+    csv::read_table(&config.path, &csv, config.camera.as_ref()).ok()?;
+    Some(format!("csv.x = {}, csv.y = {}", word(&csv.x), word(&csv.y)))
 }
 
 /// Declarations of a table, one option changed before two are.

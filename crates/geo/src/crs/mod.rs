@@ -11,6 +11,7 @@ mod spatial;
 mod transform;
 mod twin;
 mod vertical;
+mod zones;
 
 pub use accuracy::{Accuracy, Better};
 pub use convergence::{GridNorth, TrueNorth};

@@ -43,8 +43,9 @@ pub enum GpkgError {
 /// `SQLite`'s name for a write that found no room: a full disk, and a limit of file sizes.
 const NO_ROOM: [&str; 2] = ["disk is full", "disk I/O error"];
 
-/// Free space below which a disk counts as full, bytes: writers ask for room by buffers of about this size.
-const LEAST_FREE: u64 = 65_536;
+/// Free space below which a disk counts as full, bytes: `SQLite` keeps 2 MB of pages until the end of a transaction, and gives back what
+/// it could not use.
+const LEAST_FREE: u64 = 1 << 22;
 
 /// Whether the disk that holds a file is full.
 fn has_no_room(path: &Path) -> bool {

@@ -158,7 +158,7 @@ pub enum TerrainError {
     },
     /// A terrain model that does not cover the area.
     #[error(
-        "terrain {}: it covers {found}, expected it around {expected} ({crs})\nhint: is it the right tile, is its CRS right?",
+        "terrain {}: it covers {found}, expected it around {expected} ({crs}){distance}\nhint: {hint}",
         path.display()
     )]
     Elsewhere {
@@ -170,6 +170,10 @@ pub enum TerrainError {
         expected: String,
         /// Definition of the project's CRS.
         crs: String,
+        /// Distance between the two, in words, where it is known.
+        distance: String,
+        /// Advice to the user: what to change or to look at.
+        hint: String,
     },
     /// The part that was read has no heights.
     #[error("terrain {}", path.display())]

@@ -69,6 +69,14 @@ impl MapBox {
         beyond(x, self.west_m, self.east_m).hypot(beyond(y, self.south_m, self.north_m))
     }
 
+    /// Distance to another, metres; 0 where they share something.
+    #[must_use]
+    pub fn gap_m(&self, other: &Self) -> f64 {
+        let across = (other.west_m - self.east_m).max(self.west_m - other.east_m).max(0.0);
+        let along = (other.south_m - self.north_m).max(self.south_m - other.north_m).max(0.0);
+        across.hypot(along)
+    }
+
     /// Points along the edges, `n` per side, and the middle: where a box goes under a transformation.
     pub fn border(&self, n: usize) -> impl Iterator<Item = (f64, f64)> + use<> {
         let Self { west_m, south_m, east_m, north_m } = *self;
@@ -235,8 +243,11 @@ pub(super) fn read(source: &DtmSource<'_>, project_crs: &Crs, area: MapBox) -> R
         let covers = Transform::new(source.crs, project_crs)
             .ok()
             .and_then(|t| MapBox::around(extent.border(8).filter_map(|(x, y)| t.point(x, y).ok())));
+        let gap_m = covers.map(|covers| covers.gap_m(&area));
         TerrainError::Elsewhere {
             path: source.path.to_owned(),
+            distance: gap_m.map_or_else(String::new, |gap_m| format!(", {:.0} km away", gap_m / 1000.0)),
+            hint: hint_at_zone(project_crs, area, covers, gap_m),
             found: covers.map_or_else(|| format!("{extent} in {}", source.crs), |b| b.to_string()),
             expected: area.to_string(),
             crs: project_crs.to_string(),
@@ -254,6 +265,27 @@ pub(super) fn read(source: &DtmSource<'_>, project_crs: &Crs, area: MapBox) -> R
     let heights = resample(&dem, &to_dtm, area, cell_m).map_err(|e| source.crs_error(e))?;
     source.dem(heights, (area.west_m, area.north_m), (cell_m, cell_m)).map(|dem| (dem, issues))
 }
+
+/// Advice where a model lies elsewhere than the project: far away it is the CRS that is wrong, not the tile.
+fn hint_at_zone(project_crs: &Crs, area: MapBox, covers: Option<MapBox>, gap_m: Option<f64>) -> String {
+    let middle = (f64::midpoint(area.west_m, area.east_m), f64::midpoint(area.south_m, area.north_m));
+    let is_there = |place| covers.is_some_and(|covers| covers.distance_m(place) < FAR_M);
+    let zone = || project_crs.read_in(project_crs.other_zones(), middle, is_there);
+    match gap_m {
+        Some(gap_m) if gap_m > FAR_M => match zone() {
+            Some(zone) => format!(
+                "a wrong CRS is the likely cause, not the model: the project's numbers fit {zone} ({}), so try project.crs = \"{zone}\"",
+                zone.name()
+            ),
+            None => "a wrong CRS is the likely cause: is project.crs right (its zone, too), and the CRS of the model?"
+                .to_owned(),
+        },
+        _ => "is it the right tile, is its CRS right?".to_owned(),
+    }
+}
+
+/// Further apart than this, two inputs of a project have different ideas of its place, metres.
+const FAR_M: f64 = 20_000.0;
 
 /// Length of a metre of the map in the other CRS (1e-5 for degrees), by the larger of its two directions.
 fn own_units_per_metre(pairs: &[(Position, Position)], area: MapBox) -> f64 {

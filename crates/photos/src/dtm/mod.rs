@@ -28,7 +28,7 @@ use self::trend::GroundTrend;
 use crate::photo_consistency::{FLATTEST, choose};
 use crate::prior::{Album, Picture, PriorError};
 use sizeup_geo::terrain::{Dem, DemError, MapBox, Terrain};
-use sizeup_survey::View;
+use sizeup_survey::{View, Viewpoints};
 
 /// How the ground is found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -160,6 +160,18 @@ pub enum DtmError {
         /// Highest height tried, metres.
         to_m: f64,
     },
+    /// The photos that see open ground were taken from one place.
+    #[error(
+        "terrain from photos: there is no baseline: of the {n_seen} squares of open ground that several photos see, {n_one_place} are \
+         seen from one place only, and photos from one place show no depth\n\
+         hint: take the photos from different places: fly around or past the buildings instead of turning the camera on the spot"
+    )]
+    NoBaseline {
+        /// Number of squares that several photos see.
+        n_seen: usize,
+        /// Those of them that are seen from one place.
+        n_one_place: usize,
+    },
     /// A photo cannot be read.
     #[error(transparent)]
     Photo(#[from] PriorError),
@@ -209,6 +221,13 @@ pub fn estimate(
     let count = |is: fn(&SquareOutcome) -> bool| squares.iter().filter(|s| is(&s.outcome)).count();
     let n_ground = count(|o| matches!(o, SquareOutcome::Ground(_)));
     if n_ground < MIN_SQUARES {
+        let places = squares.iter().filter_map(|s| Some(s.at.extend(rough.height_at(s.at.x, s.at.y)?)));
+        let seen: Vec<Viewpoints> =
+            places.map(|place| Viewpoints::of(views, place)).filter(|seen| seen.n_views > 1).collect();
+        let n_one_place = seen.iter().filter(|seen| seen.lack_baseline()).count();
+        if 2 * n_one_place > seen.len() {
+            return Err(DtmError::NoBaseline { n_seen: seen.len(), n_one_place });
+        }
         let (low_m, high_m) = rough.range().unwrap_or((f64::NAN, f64::NAN));
         return Err(DtmError::TooLittle {
             n_squares: squares.len(),

@@ -20,7 +20,7 @@ pub mod stereo;
 pub use album::Album;
 pub use auto::AutoConfig;
 pub use cache::{CacheConfig, CacheKey, CachedPriors, KeyHasher, PriorCache};
-pub use check::{GroundCorrelation, ground_correlation, judge_tag, judge_unit};
+pub use check::{GroundCorrelation, ground_correlation, judge_tag, judge_unit, surely_inverted};
 pub use files::{DepthUnit, FilePriorConfig, FilePriors};
 pub(crate) use neighbours::Neighbours;
 pub use network::{NetworkConfig, NetworkPriors};

@@ -75,6 +75,23 @@ pub enum OutputError {
     File(#[from] FileError),
 }
 
+impl OutputError {
+    /// 2 settings, 3 bad input, 4 what could not be written.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::HeightsNotStated { .. } | Self::Crs(_) | Self::FolderInUse { .. } | Self::Setting { .. } => 2,
+            Self::Input(_)
+            | Self::Malformed(_)
+            | Self::DuplicateId { .. }
+            | Self::NotFinite { .. }
+            | Self::TooFarApart { .. } => 3,
+            Self::File(error) if error.is_of_input() => 3,
+            Self::GeoPackage(_) | Self::File(_) => 4,
+        }
+    }
+}
+
 /// A file that was found but is not what it should be.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot read {}: {reason}", path.display())]

@@ -1,10 +1,11 @@
-//! One runner per tile: an advisory lock that the system gives back when its holder ends, however it ends.
+//! One writer at a time, of a tile or of a folder of results: an advisory lock that the system gives back when its holder ends,
+//! however it ends.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read as _, Seek as _, Write as _};
 use std::path::{Path, PathBuf};
 
-use sizeup_geo::files::FileError;
+use crate::files::FileError;
 
 /// A lock that is held until it is dropped, or its process ends. The file stays: removing it would let two others hold
 /// two files of the same name.
@@ -12,6 +13,10 @@ use sizeup_geo::files::FileError;
 pub struct Lock {
     _file: File,
 }
+
+/// Somebody else holds the lock.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Held;
 
 impl Lock {
     /// Takes the lock, waiting for its holder if there is one; `wait` is told who that is.
@@ -32,6 +37,19 @@ impl Lock {
         let own = format!("process {}\n", std::process::id());
         file.rewind().and_then(|()| file.set_len(0)).and_then(|()| file.write_all(own.as_bytes())).map_err(failed)?;
         Ok(Self { _file: file })
+    }
+
+    /// Takes the lock of a folder, where nobody holds it; it leaves no file. `None` on file systems that have no locks on folders.
+    ///
+    /// # Errors
+    /// [`Held`].
+    pub fn of_folder(folder: &Path) -> Result<Option<Self>, Held> {
+        let Ok(file) = File::open(folder) else { return Ok(None) };
+        match file.try_lock() {
+            Ok(()) => Ok(Some(Self { _file: file })),
+            Err(TryLockError::WouldBlock) => Err(Held),
+            Err(TryLockError::Error(_)) => Ok(None),
+        }
     }
 
     /// Who holds a lock, if anybody does.
@@ -64,6 +82,17 @@ fn holder(file: &mut File) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_folder_has_one_holder_and_nothing_is_left_in_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = Lock::of_folder(folder.path()).unwrap();
+        assert!(first.is_some(), "this system has locks");
+        assert_eq!(Lock::of_folder(folder.path()).unwrap_err(), Held);
+        drop(first);
+        assert!(Lock::of_folder(folder.path()).is_ok());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
 
     #[test]
     fn a_lock_is_held_by_one_and_free_afterwards() {
