@@ -12,7 +12,8 @@ use super::{InitError, InitRequest};
 use sizeup_geo::issue::Severity;
 use sizeup_geo::terrain::{self, LoadedTerrain, MapBox, Terrain, TerrainConfig};
 use sizeup_survey::{
-    HeightConfig, PoseWorld, Reading, Site, Survey, SurveyConfig, SurveyError, Trial, VerticalDatum, View, sparse_ground,
+    HeightConfig, PoseWorld, Reading, Site, Survey, SurveyConfig, SurveyError, Trial, VerticalDatum, View,
+    sparse_ground,
 };
 
 /// A survey in the project's frame.

@@ -212,7 +212,11 @@ impl GroundTold {
     }
 
     /// Ground of some footprints by the squares around them, in their order.
-    pub(super) fn corrections(&self, footprints: &FootprintStage, terrain: &TerrainConfig) -> Vec<Option<GroundCorrection>> {
+    pub(super) fn corrections(
+        &self,
+        footprints: &FootprintStage,
+        terrain: &TerrainConfig,
+    ) -> Vec<Option<GroundCorrection>> {
         let places = self.off_m.iter().map(|(at, off_m)| GeomWithData::new(*at, *off_m));
         let tree: RTree<GeomWithData<[f64; 2], f64>> = RTree::bulk_load(places.collect());
         let of = |polygon: &Polygon<f64>| {
@@ -237,7 +241,8 @@ impl GroundTold {
         let corrected: Vec<f64> = found.iter().flatten().map(|ground| ground.off_m.abs()).collect();
         // One height that is wrong elsewhere is not to be trusted where no photo shows the ground.
         let is_wrong = terrain.dtm.is_none() && stats::median(&corrected).is_some_and(|off_m| off_m >= CORRECTED_M);
-        let unknown = is_wrong.then_some(GroundCorrection { off_m: 0.0, sigma_m: stats::quantile(&corrected, 0.68).unwrap_or(0.0) });
+        let unknown = is_wrong
+            .then_some(GroundCorrection { off_m: 0.0, sigma_m: stats::quantile(&corrected, 0.68).unwrap_or(0.0) });
         found.into_iter().map(|ground| ground.or(unknown)).collect()
     }
 }

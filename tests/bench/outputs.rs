@@ -48,6 +48,8 @@ fn house(i: usize, side: usize) -> BuildingRecord {
         base_z_m: Some(100.75),
         height_m: Some(5.0 + (i % 97) as f64 * 0.31),
         height_sigma_m: Some(0.4),
+        roof_sigma_m: None,
+        ground_sigma_m: None,
         party_wall_m2: None,
         footprint_shift: None,
         height_reference: HeightReference::Mean,

@@ -34,6 +34,8 @@ pub fn block(id: &str, footprint: Polygon<f64>, height_m: f64) -> BuildingRecord
         base_z_m: Some(21.7),
         height_m: Some(height_m),
         height_sigma_m: None,
+        roof_sigma_m: None,
+        ground_sigma_m: None,
         height_reference: HeightReference::Mean,
         roof: None,
         party_wall_m2: None,

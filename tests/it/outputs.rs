@@ -51,6 +51,8 @@ pub fn building(id: &str, footprint: Option<Polygon<f64>>, height_m: Option<f64>
         base_z_m: Some(11.4),
         height_m,
         height_sigma_m: height_m.map(|_| 0.31),
+        roof_sigma_m: None,
+        ground_sigma_m: None,
         party_wall_m2: None,
         footprint_shift: None,
         height_reference: HeightReference::Mean,

@@ -1,6 +1,6 @@
 //! What photos add to the order of depths: roofs refined where they agree, and the ground of a run that has no model.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -203,11 +203,8 @@ fn a_wrong_terrain_is_corrected_by_the_photos_and_the_ground_has_a_sigma() {
         println!("{name}: {error_m:.2} m, {with_model:.2} m with the model");
         assert!(error_m < with_model + 0.3, "{name}: {error_m} m, {with_model} m with the model");
         let found = FoundBuildings::read(&result.join("city.gpkg"), &ReadOptions::default()).unwrap();
-        let sigmas_m: Vec<f64> = found
-            .buildings
-            .iter()
-            .filter_map(|building| building.attributes.get("ground_sigma_m")?.as_f64())
-            .collect();
+        let sigmas_m: Vec<f64> =
+            found.buildings.iter().filter_map(|building| building.attributes.get("ground_sigma_m")?.as_f64()).collect();
         assert!(sigmas_m.len() * 10 >= found.buildings.len() * 9, "{name}: {} grounds have a sigma", sigmas_m.len());
         assert!(sigmas_m.iter().all(|sigma_m| (0.1..2.0).contains(sigma_m)), "{name}: {sigmas_m:?}");
     }
@@ -218,10 +215,8 @@ fn grounds(result: &Path) -> (BTreeMap<String, f64>, Vec<String>) {
     let issues: serde_json::Value = serde_json::from_slice(&fs::read(result.join("issues.json")).unwrap()).unwrap();
     let codes = issues.as_array().unwrap().iter().map(|issue| issue["code"].as_str().unwrap().to_owned());
     let found = FoundBuildings::read(&result.join("city.gpkg"), &ReadOptions::default()).unwrap();
-    let ground = found
-        .buildings
-        .into_iter()
-        .filter_map(|found| Some((found.id, found.attributes.get("ground_z_m")?.as_f64()?)));
+    let ground =
+        found.buildings.into_iter().filter_map(|found| Some((found.id, found.attributes.get("ground_z_m")?.as_f64()?)));
     (ground.collect(), codes.filter(|code| code.starts_with("terrain_")).collect())
 }
 

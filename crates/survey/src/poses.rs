@@ -6,8 +6,8 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 
 use super::angles::North;
-use super::names::NameStyle;
 use super::heights::FileUnits;
+use super::names::NameStyle;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::camera::Camera;

@@ -11,5 +11,5 @@ mod voids;
 pub use ground::{GroundConfig, GroundReference, ground_under};
 pub use load::{LoadedTerrain, TerrainConfig, TerrainError, height_unit_m, load, load_with_issues};
 pub use reproject::MapBox;
-pub use surface_model::{SurfaceModel, surface_model};
 pub use sizeup_heights::terrain::{Dem, DemError, GroundLevel, Terrain};
+pub use surface_model::{SurfaceModel, surface_model};

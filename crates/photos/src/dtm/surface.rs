@@ -176,7 +176,11 @@ fn robust_level(neighbours: &[(DVec2, f64)], bandwidth_m: f64) -> Option<(f64, f
 }
 
 /// The weighted plane through heights: slopes along x and y, and the level at offset 0.
-pub(super) fn plane(samples: &[(DVec2, f64)], bandwidth_m: f64, weight: impl Fn(&(DVec2, f64)) -> f64) -> Option<DVec3> {
+pub(super) fn plane(
+    samples: &[(DVec2, f64)],
+    bandwidth_m: f64,
+    weight: impl Fn(&(DVec2, f64)) -> f64,
+) -> Option<DVec3> {
     let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
     for sample in samples {
         let scaled = sample.0 / bandwidth_m;
@@ -210,6 +214,11 @@ mod tests {
             .collect()
     }
 
+    fn left_out(squares: &mut [GroundSquare], spacing_m: f64) -> f64 {
+        let trend = GroundTrend::of(squares, spacing_m);
+        leave_out_what_stands_above(squares, &trend, spacing_m)
+    }
+
     fn ground(at: DVec2) -> f64 {
         100.0 + 0.05 * at.x - 0.02 * at.y
     }
@@ -217,7 +226,7 @@ mod tests {
     #[test]
     fn what_stands_on_the_ground_is_left_out_and_the_slope_stays() {
         let mut squares = slope();
-        let sigma_m = leave_out_what_stands_above(&mut squares, 12.0);
+        let sigma_m = left_out(&mut squares, 12.0);
         for (i, square) in squares.iter().enumerate() {
             let stands = i % 5 == 0;
             assert_eq!(matches!(square.outcome, SquareOutcome::Outlier(_)), stands, "square {i}: {square:?}");
@@ -243,7 +252,7 @@ mod tests {
                 square.outcome = SquareOutcome::Ground(ground(square.at));
             }
         }
-        leave_out_what_stands_above(&mut squares, 12.0);
+        left_out(&mut squares, 12.0);
         let off_m = |square: &GroundSquare| match square.outcome {
             SquareOutcome::Ground(z_m) => Some((z_m - ground(square.at)).abs()),
             _ => None,
@@ -272,7 +281,7 @@ mod tests {
     #[test]
     fn a_roof_without_a_footprint_on_which_all_squares_agree_is_not_ground() {
         let mut squares = beside_a_row(16.0);
-        leave_out_what_stands_above(&mut squares, 16.0);
+        left_out(&mut squares, 16.0);
         assert_eq!(n_ground_in_row(&squares), 0);
         let n_ground = squares.iter().filter(|s| matches!(s.outcome, SquareOutcome::Ground(_))).count();
         assert!(n_ground >= 60, "{n_ground} of {}", squares.len());
@@ -291,7 +300,7 @@ mod tests {
             let SquareOutcome::Ground(z_m) = square.outcome else { continue };
             square.outcome = SquareOutcome::Ground(z_m + square.at.y / 6.0);
         }
-        leave_out_roofs(&mut squares, 16.0);
+        GroundTrend::of(&squares, 16.0).leave_out_what_is_off(&mut squares);
         assert_eq!(n_ground_in_row(&squares), 7);
     }
 

@@ -70,7 +70,8 @@ pub(super) struct GroundTrend {
 impl GroundTrend {
     /// Trend of squares that lie so far apart, metres.
     pub fn of(squares: &[GroundSquare], spacing_m: f64) -> Self {
-        let known = squares.iter().filter_map(|square| Some(GeomWithData::new(square.at.to_array(), square.height_m()?)));
+        let known =
+            squares.iter().filter_map(|square| Some(GeomWithData::new(square.at.to_array(), square.height_m()?)));
         let known: RTree<GeomWithData<[f64; 2], f64>> = RTree::bulk_load(known.collect());
         let node_spacing_m = NODE_SPACINGS * spacing_m;
         let mut places: Vec<[i64; 2]> =

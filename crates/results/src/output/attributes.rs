@@ -86,9 +86,13 @@ pub const FIELDS: [Field; 31] = {
         Field::new("height_sigma_m", "Height sigma (m)", Real, "One standard deviation of height_m, metres", |b, _| {
             known(b.height_sigma_m)
         }),
-        Field::new("roof_sigma_m", "Roof level sigma (m)", Real, "One standard deviation of roof_z_m, metres", |b, _| {
-            known(b.roof_sigma_m)
-        }),
+        Field::new(
+            "roof_sigma_m",
+            "Roof level sigma (m)",
+            Real,
+            "One standard deviation of roof_z_m, metres",
+            |b, _| known(b.roof_sigma_m),
+        ),
         Field::new(
             "ground_sigma_m",
             "Ground sigma (m)",
