@@ -257,8 +257,8 @@ pub(super) struct GroundCorrection {
 }
 
 impl GroundCorrection {
-    /// Of ground that the photos show so far above the terrain, ± `sigma_m`; a model counts for something by itself, one height
-    /// for all does not.
+    /// Correction by ground that the photos show `off_m` above the terrain, ± `sigma_m`. A terrain model has an uncertainty of its own;
+    /// one height for all has none that is known.
     fn of(off_m: f64, sigma_m: f64, is_model: bool) -> Self {
         if !is_model || off_m.abs() >= CORRECTED_M.max(CORRECTED_SIGMAS * sigma_m) {
             return Self { off_m, sigma_m };

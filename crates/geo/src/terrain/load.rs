@@ -189,7 +189,7 @@ pub enum TerrainError {
 /// Ground, and what is to be said about the file that it was read from.
 #[derive(Debug)]
 pub struct LoadedTerrain {
-    /// The ground.
+    /// Ground in the CRS and the vertical datum of the project.
     pub terrain: Terrain,
     /// Converted units, and cells that hold no ground although no nodata tag names them.
     pub issues: Vec<Issue>,

@@ -95,7 +95,7 @@ impl Voids {
         }
     }
 
-    /// What is to be said about a file with them.
+    /// Issues of a file that holds voids.
     pub(super) fn issues(&self, path: &Path, counted: HeightCells) -> Vec<Issue> {
         let issue = |severity, code, message: String, hint: String| {
             Issue::new(severity, code, Subject::Input(path.display().to_string()), message).hint(hint)

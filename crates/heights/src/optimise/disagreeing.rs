@@ -28,7 +28,7 @@ const DEVIATIONS: f64 = 4.0;
 /// A view whose prior does not fit its pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct DisagreeingView {
-    /// Its position among the views.
+    /// Position of the view in the survey.
     pub view: usize,
     /// Correlation of its prior with the depth of the buildings as found, median over these, −1 to 1.
     pub correlation: f64,

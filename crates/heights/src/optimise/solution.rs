@@ -39,7 +39,7 @@ pub enum Reason {
     Guessed,
     /// The ground without any building explains the priors as well.
     NothingStandsHere,
-    /// Its footprint is small in the photos, and its height is that of a larger roof beside it, or many times its own width: the
+    /// The footprint is small in the photos, and the height is that of a larger roof beside it, or many times its own width: the
     /// photos may show another building there.
     RoofOfNeighbour,
     /// With the heights as found its pixels stand in the wrong order: the pairs it is part of cost the margin or more on

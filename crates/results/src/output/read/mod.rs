@@ -38,8 +38,8 @@ pub const CITYJSON_RESULTS: &[&str] = &["city.city.json", "city.city.jsonl"];
 /// That of them with several layers.
 pub const LAYERED_RESULTS: &[&str] = &["city.gpkg"];
 
-/// The file of a result: itself, or the first of `names` that its folder holds. Folders that are layers or 3D Tiles stay what they
-/// are.
+/// The file of a result: itself, or the first of `names` that its folder holds. Folders that are layers, point clouds or 3D Tiles stay
+/// what they are.
 ///
 /// # Errors
 /// [`ReadError::NoResult`].
@@ -50,7 +50,8 @@ pub fn result_file(path: &Path, names: &'static [&'static str]) -> Result<PathBu
     }
     let is_of_layer = |file: &Path| {
         let extension = file.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-        ["shp", "gdbtable"].contains(&extension.as_str()) || file.file_name().is_some_and(|name| name == "tileset.json")
+        ["shp", "gdbtable", "las", "laz"].contains(&extension.as_str())
+            || file.file_name().is_some_and(|name| name == "tileset.json")
     };
     let is_layer = entries.filter_map(Result::ok).any(|entry| is_of_layer(&entry.path()));
     if is_layer { Ok(path.to_owned()) } else { Err(ReadError::NoResult { path: path.to_owned(), names }) }
