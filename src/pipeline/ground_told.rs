@@ -9,7 +9,7 @@
 //! An error of the terrain passes one to one into heights, whereas roofs are measured in the photos and stay right. Poses and
 //! photos are the same for roofs and ground, so their common error cancels here.
 //!
-//! The whole area is reported too: the median of all d_i, and the ninth of the area that differs most from it, both from 1 m and
+//! The whole area is reported too: the median of all `d_i`, and the ninth of the area that differs most from it, both from 1 m and
 //! three standard errors on.
 
 use std::collections::BTreeMap;

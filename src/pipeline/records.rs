@@ -10,7 +10,7 @@ use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::optimise::{FootprintShift, LayerShift, Reason, Roof, SolvedHeight, Terrace};
 use sizeup_heights::scene::HeightBounds;
 use sizeup_results::output::reviews::Reviews;
-use sizeup_results::output::{BuildingRecord, HeightReference, RoofShape, Status};
+use sizeup_results::output::{BuildingRecord, HeightReference, RoofForm, RoofShape, Status};
 use sizeup_results::output::{fallback, party_walls};
 use sizeup_survey::Survey;
 
@@ -27,7 +27,7 @@ pub(super) fn records(
     let mut records = found(survey, footprints, heights, config.optimise.height_reference);
     for (record, correction) in records.iter_mut().zip(ground.corrections(footprints, &terrain_in_force(config))) {
         if let Some(correction) = correction {
-            set_on_ground(record, correction);
+            set_on_ground(record, correction, bounds);
         }
     }
     if config.output.footprints == FootprintPlace::InPhotos {
@@ -101,8 +101,8 @@ fn found(
     with_footprint.chain(without).collect()
 }
 
-/// Corrects the ground of a building: its roof stays where it is.
-fn set_on_ground(record: &mut BuildingRecord, correction: GroundCorrection) {
+/// Corrects the ground of a building: its roof stays where it is, unless its height leaves the bounds.
+fn set_on_ground(record: &mut BuildingRecord, correction: GroundCorrection, bounds: HeightBounds) {
     let GroundCorrection { off_m, sigma_m } = correction;
     let raise = |z_m: &mut f64| *z_m += off_m;
     let lower = |height_m: &mut f64| *height_m -= off_m;
@@ -124,6 +124,21 @@ fn set_on_ground(record: &mut BuildingRecord, correction: GroundCorrection) {
     if correction.is_unsure() {
         doubt(record, Reason::GroundDiffers);
     }
+    keep_within(record, bounds);
+}
+
+/// Takes a height or a roof outside the bounds back to them, as a flat roof, with the reason.
+fn keep_within(record: &mut BuildingRecord, bounds: HeightBounds) {
+    let Some(height_m) = record.height_m else { return };
+    let is_within =
+        record.roof.is_none_or(|roof| roof.eave_height_m > 0.0 && roof.ridge_height_m <= f64::from(bounds.max_m));
+    if bounds.hold(height_m) && is_within {
+        return;
+    }
+    let nearest_m = bounds.nearest(height_m);
+    record.height_m = Some(nearest_m);
+    record.roof = record.roof.map(|_| RoofShape::new(RoofForm::Flat, nearest_m, nearest_m));
+    doubt(record, Reason::RangeBound);
 }
 
 /// Adds a reason to look at a height again.
@@ -185,4 +200,52 @@ fn status_of(has_ground: bool, solved: Option<&SolvedHeight>) -> (Status, Vec<St
         (Some(_), false) => Status::Doubtful,
     };
     (status, reasons)
+}
+
+#[cfg(test)]
+mod tests {
+    use geo::{Rect, coord};
+
+    use super::*;
+
+    const BOUNDS: HeightBounds = HeightBounds { min_m: 2.0, max_m: 30.0 };
+
+    /// A gabled house of 8 m at its eave and 10 m on average, on a ground of 100 m.
+    fn house() -> BuildingRecord {
+        let footprint = Rect::new(coord! { x: 0.0, y: 0.0 }, coord! { x: 9.0, y: 9.0 }).to_polygon();
+        BuildingRecord {
+            height_sigma_m: Some(0.3),
+            roof_sigma_m: Some(0.3),
+            roof: Some(RoofShape::new(RoofForm::Gable, 8.0, 12.0)),
+            ..BuildingRecord::measured("a", footprint, 100.0, 10.0)
+        }
+    }
+
+    fn on_ground(off_m: f64, sigma_m: f64) -> BuildingRecord {
+        let mut record = house();
+        set_on_ground(&mut record, GroundCorrection { off_m, sigma_m }, BOUNDS);
+        record
+    }
+
+    #[test]
+    fn a_corrected_ground_changes_the_height_and_leaves_the_roof_where_it_is() {
+        let record = on_ground(1.5, 0.4);
+        assert_eq!((record.ground_z_m, record.base_z_m, record.height_m), (Some(101.5), Some(101.5), Some(8.5)));
+        assert_eq!(record.roof_z_m(), house().roof_z_m());
+        let roof = record.roof.unwrap();
+        assert_eq!((roof.eave_height_m, roof.ridge_height_m), (6.5, 10.5));
+        assert_eq!((record.roof_sigma_m, record.ground_sigma_m), (Some(0.3), Some(0.4)));
+        assert!((record.height_sigma_m.unwrap() - 0.5).abs() < 1e-12, "both sigmas count");
+        assert_eq!((record.status, record.reasons.len()), (Status::Measured, 0));
+    }
+
+    #[test]
+    fn an_uncertain_ground_and_a_height_that_leaves_the_bounds_are_doubtful() {
+        let unsure = on_ground(0.0, 1.2);
+        assert_eq!((unsure.status, &unsure.reasons[..]), (Status::Doubtful, &["ground_differs".to_owned()][..]));
+        let low = on_ground(9.0, 0.2);
+        assert_eq!((low.status, &low.reasons[..]), (Status::Doubtful, &["range_bound".to_owned()][..]));
+        let roof = low.roof.unwrap();
+        assert_eq!((low.height_m, roof.form, roof.eave_height_m), (Some(2.0), RoofForm::Flat, 2.0));
+    }
 }

@@ -280,7 +280,7 @@ const CUBE_FACES: &str = "((100000 400000 5,100010 400000 5,100010 400010 5,1000
 fn faces_of_bodies_are_one_footprint_each_with_one_note_and_parts_stay_parts() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bodies.gpkg");
-    // The second stands 30 m farther north: one place has one building.
+    // The second stands 3 km farther north: one place has one building.
     let beside = CUBE_FACES.replace(" 4000", " 4030");
     let shapes = [
         format!("MULTIPOLYGON Z({CUBE_FACES})"),

@@ -1,5 +1,6 @@
 //! Runs that say what they could not find: ranges that hold, issues of every doubt, a wrong terrain, priors chosen.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
@@ -84,7 +85,7 @@ fn told_of_ground(folder: &Path, more: &[&str]) -> (Vec<Value>, Value) {
 }
 
 #[test]
-fn a_wrong_terrain_is_told_and_a_right_one_is_not() {
+fn a_wrong_terrain_is_reported_and_corrected_and_a_right_one_is_left_alone() {
     let folder = tempfile::tempdir().unwrap();
     let mut config = SimulateConfig { seed: 5, ..SimulateConfig::default() };
     (config.town.kind, config.town.n_buildings) = (TownKind::District, 12);
@@ -93,15 +94,27 @@ fn a_wrong_terrain_is_told_and_a_right_one_is_not() {
     simulate(&config, folder.path(), &|_, _| {}).unwrap();
     let (right, _) = told_of_ground(folder.path(), &["--set", "output.pictures=false"]);
     assert_eq!(right, Vec::<Value>::new(), "the terrain of the scene fits");
+    let heights = || -> BTreeMap<String, f64> {
+        let city: Value =
+            serde_json::from_slice(&fs::read(folder.path().join("result/city.city.json")).unwrap()).unwrap();
+        let height_m = |object: &Value| object["attributes"]["height_m"].as_f64();
+        let objects = city["CityObjects"].as_object().unwrap().iter();
+        objects.filter_map(|(id, object)| Some((id.clone(), height_m(object)?))).collect()
+    };
+    let over_right = heights();
     let text = fs::read_to_string(folder.path().join("sizeup.toml")).unwrap();
     let dtm = text.lines().find(|line| line.starts_with("dtm = ")).unwrap();
     let shifted = text.replace(dtm, &format!("{dtm}\nvertical_offset_m = 3.0"));
     fs::write(folder.path().join("sizeup.toml"), shifted).unwrap();
-    let (wrong, summary) = told_of_ground(folder.path(), &["--set", "output.pictures=false"]);
+    let (wrong, _) = told_of_ground(folder.path(), &["--set", "output.pictures=false"]);
     assert_eq!(wrong.len(), 1);
     assert!(wrong[0]["message"].as_str().unwrap().contains("m lower than the terrain says"), "{wrong:?}");
-    let measured = summary["by_status"]["measured"].as_u64().unwrap_or(0);
-    assert!(measured <= 3, "heights over a ground that is 3 m off are not measured: {summary}");
+    let over_wrong = heights();
+    let n_alike = over_right
+        .iter()
+        .filter(|(id, height_m)| over_wrong.get(*id).is_some_and(|other_m| (other_m - *height_m).abs() < 0.5))
+        .count();
+    assert!(n_alike + 2 >= over_right.len(), "3 m off: {over_right:?}, {over_wrong:?}");
 }
 
 #[test]

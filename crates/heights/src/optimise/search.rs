@@ -270,7 +270,7 @@ impl BuildingWindows {
         // Something may stand there that is lower than all heights that are looked for.
         let is_like_ground =
             scores.len() >= MIN_VIEWS && !is_better(&scores) && !is_better(&self.scores(0.5 * bounds.min_m));
-        Finding { by_view, is_like_ground, ..finding }
+        Finding { is_like_ground, by_view, ..finding }
     }
 
     /// Score of a height, metres above the ground level, in each view, in their order.
