@@ -52,7 +52,8 @@ pub(super) fn run(
     check_settings(config)?;
     let reviews = reviews_of(config)?;
     // Whoever looks into the folder before the end is told, and so is who looks there after a run was killed.
-    let mut mark = Unfinished::start(&config.project.output, &options.command)?;
+    let start = if options.until < Stage::Output { Unfinished::start_beside_others } else { Unfinished::start };
+    let mut mark = start(&config.project.output, &options.command)?;
     let city = run_marked(config, options, &reviews, (tell, solver), &mut mark).and_then(|city| {
         let seconds: BTreeMap<&str, f64> = city.summary.seconds.iter().map(|(stage, s)| (stage.as_str(), *s)).collect();
         write_json(&config.project.output.join(beside_results(config, options.until, "timing.json")), &seconds)?;

@@ -30,7 +30,20 @@ const ROOMS: [Room; 8] = [
         name: "geo",
         uses: &["heights"],
         levels: &[
-            &["files", "gdal_log", "groups", "hashes", "issue", "kept", "limits", "paths", "template", "unfinished"],
+            &[
+                "files",
+                "gdal_log",
+                "groups",
+                "hashes",
+                "issue",
+                "kept",
+                "limits",
+                "lock",
+                "paths",
+                "template",
+                "unfinished",
+                "units",
+            ],
             &["cloud", "crs"],
             &["geodata"],
             &["terrain"],
@@ -64,11 +77,13 @@ const ROOMS: [Room; 8] = [
 const PROGRAM: &str = "sizeup";
 
 /// Imports within a level: room, who, whom, and why.
-const NEIGHBOURS: [(&str, &str, &str, &str); 4] = [
+const NEIGHBOURS: [(&str, &str, &str, &str); 6] = [
     ("geo", "files", "limits", "nothing is read whole that is over the limit"),
     ("geo", "template", "paths", "a name out of a file stays in its folder"),
     ("geo", "hashes", "files", "what is known of files is left behind in a file"),
     ("geo", "unfinished", "files", "a mark is a file"),
+    ("geo", "unfinished", "lock", "a folder has one writer at a time"),
+    ("geo", "lock", "files", "what cannot be locked is a file that cannot be written"),
 ];
 
 /// What a room never touches, and why that is promised.

@@ -245,7 +245,7 @@ const MISTAKES: [Mistake; 46] = [
         make: |scene| set(scene, "kind = \"inverse_depth\"", "kind = \"depth\""),
         args: RUN,
         code: 3,
-        says: &["[prior] the prior is inverted: in all ", "rank correlation -0."],
+        says: &["[prior] the prior is inverted: in all ", "rank correlation -"],
         hint: &["prior.kind = \"inverse_depth\" (now \"depth\")"],
     },
     Mistake {
@@ -269,8 +269,8 @@ const MISTAKES: [Mistake; 46] = [
         make: nothing,
         args: &["run", "sizeup.toml", "--set", r#"terrain.dtm="D:\dtm.tif""#],
         code: 2,
-        says: &["--set terrain.dtm="],
-        hint: &["\"D:/dtm.tif\""],
+        says: &["--set terrain.dtm=", "\"D:/dtm.tif\""],
+        hint: &["--set"],
     },
     Mistake {
         made: "another source of priors on the command line, without photos",

@@ -77,7 +77,9 @@ fn an_error_is_the_last_line_with_code_message_and_hint() {
 #[test]
 fn a_command_line_that_cannot_be_read_is_an_event_too() {
     let scene = Scene::new();
-    for form in [&["--progress", "json", "run"][..], &["run", "--progress=json", "sizeup.toml", "--nonsense"]] {
+    for form in
+        [&["--progress", "json", "run", "--nonsense"][..], &["run", "--progress=json", "sizeup.toml", "--nonsense"]]
+    {
         let outcome = scene.sizeup(form);
         let events = events(&outcome);
         assert_eq!((outcome.code, events.len()), (2, 1), "{}", outcome.stderr);

@@ -48,24 +48,24 @@ pub fn warsaw_config(data: &Path, priors: &str, folder: &Path) -> std::path::Pat
     config
 }
 
-/// `|roof level − true roof level|` of each building, metres, by id. Roof levels, because the result's ground is one
-/// constant and the truth's is each building's own.
+/// `|roof level − true roof level|` of each building, metres, by id: errors of the ground are another matter.
 fn warsaw_roof_errors(data: &Path, result: &Path) -> BTreeMap<String, f64> {
     let records = read_results(&result.join("city.city.json"), &Crs::parse("EPSG:2180").unwrap()).unwrap();
     // Parts of a building count by their areas.
     let mut sums: BTreeMap<String, [f64; 2]> = BTreeMap::new();
     for record in records {
+        let roof_m = record.roof_z_m().unwrap_or(f64::NAN);
         let area_m2 = record.footprint.unwrap().unsigned_area();
         let sum = sums.entry(record.part_of.unwrap_or(record.id)).or_default();
-        sum[0] += area_m2 * record.height_m.unwrap_or(f64::NAN);
+        sum[0] += area_m2 * roof_m;
         sum[1] += area_m2;
     }
-    let heights: BTreeMap<String, f64> = sums.into_iter().map(|(id, [sum, area_m2])| (id, sum / area_m2)).collect();
+    let roofs_m: BTreeMap<String, f64> = sums.into_iter().map(|(id, [sum, area_m2])| (id, sum / area_m2)).collect();
     let truth: Value = serde_json::from_slice(&fs::read(data.join("truth_buildings.geojson")).unwrap()).unwrap();
     let error = |feature: &Value| {
         let properties = &feature["properties"];
         let id = properties["id"].as_str().unwrap().to_owned();
-        let roof_m = WARSAW_GROUND_M + heights[&id];
+        let roof_m = roofs_m[&id];
         (id, (roof_m - properties["roof_z_m"].as_f64().unwrap()).abs())
     };
     truth["features"].as_array().unwrap().iter().map(error).collect()

@@ -204,7 +204,7 @@ fn the_rtk_state_and_the_source_of_the_focal_length_are_reported() {
 #[test]
 fn photos_without_rtk_need_their_height_declared() {
     let Some(folder) = shared_data("dji_xmp_photos") else { return };
-    let utm = Crs::parse("EPSG:32618").unwrap();
+    let utm = Crs::parse("EPSG:32615").unwrap();
     let config = SurveyConfig::at(&folder);
     let refused = survey::read(&config, &utm).unwrap_err().to_string();
     assert!(refused.contains("height.reference"), "{refused}");
@@ -245,7 +245,7 @@ fn the_maker_notes_of_drone_photos_say_what_their_xmp_says() {
         let photo = without_xmp(&fs::read(&path).unwrap());
         fs::write(stripped.path().join(path.file_name().unwrap()), photo).unwrap();
     }
-    let utm = Crs::parse("EPSG:32618").unwrap();
+    let utm = Crs::parse("EPSG:32615").unwrap();
     let height = HeightConfig { keep_ellipsoidal: true, ..HeightConfig::default() };
     let read = |path: &std::path::Path| {
         let config = SurveyConfig { height: height.clone(), ..SurveyConfig::at(path) };
@@ -356,7 +356,7 @@ fn a_thousand_photos_are_a_thousand_views() {
     }
     let height = HeightConfig { keep_ellipsoidal: true, ..HeightConfig::default() };
     let config = SurveyConfig { height, ..SurveyConfig::at(folder.path()) };
-    let survey = survey::read(&config, &Crs::parse("EPSG:32618").unwrap()).unwrap();
+    let survey = survey::read(&config, &Crs::parse("EPSG:32615").unwrap()).unwrap();
     assert_eq!(survey.views.len(), 1000);
 }
 

@@ -266,7 +266,7 @@ fn voids_without_a_tag_are_no_ground_at_any_cell_size_and_in_any_grid() {
             (
                 0.5,
                 "EPSG:26918",
-                MapBox { west_m: 583_950.0, south_m: 4_511_560.0, east_m: 584_070.0, north_m: 4_511_680.0 },
+                MapBox { west_m: 584_400.0, south_m: 4_511_690.0, east_m: 584_465.0, north_m: 4_511_760.0 },
             ),
         ] {
             let config = TerrainConfig { min_cell_m, margin_m: 0.0, ..TerrainConfig::dtm(&path) };

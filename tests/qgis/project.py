@@ -57,8 +57,6 @@ def main():
         layer.name(): describe(layer) if isinstance(layer, QgsVectorLayer) else describe_raster(layer)
         for layer in project.mapLayers().values()
     }
-    ground = project.elevationProperties().terrainProvider()
-    report["ground"] = {"type": ground.type(), "scale": ground.scale(), "offset": ground.offset()}
     report["layouts"] = {layout.name(): describe_layout(layout, sys.argv[2]) for layout in project.layoutManager().layouts()}
     settings = QgsMapSettings()
     settings.setLayers(drawn)

@@ -44,15 +44,26 @@ impl Unfinished {
     /// # Errors
     /// [`FileError`] where the folder cannot be written, or another writer is still at it.
     pub fn start(folder: &Path, command: &str) -> Result<Self, FileError> {
-        let path = folder.join(NAME);
-        let made =
-            folder.ancestors().take_while(|f| !f.as_os_str().is_empty() && !f.exists()).map(Into::into).collect();
-        fs::create_dir_all(folder).map_err(FileError::on("cannot create", folder))?;
+        let made = made_with(folder)?;
         let lock = Lock::of_folder(folder).map_err(|_| FileError {
             action: "cannot write into",
             path: folder.to_owned(),
-            source: held(&path),
+            source: held(&folder.join(NAME)),
         })?;
+        Self::lay(folder, command, made, lock)
+    }
+
+    /// Lays the mark of a writer that replaces no results, so that several may work at once: each of their files is written whole.
+    ///
+    /// # Errors
+    /// [`FileError`] where the folder cannot be written.
+    pub fn start_beside_others(folder: &Path, command: &str) -> Result<Self, FileError> {
+        let made = made_with(folder)?;
+        Self::lay(folder, command, made, None)
+    }
+
+    fn lay(folder: &Path, command: &str, made: Vec<PathBuf>, lock: Option<Lock>) -> Result<Self, FileError> {
+        let path = folder.join(NAME);
         let mut mark = Self {
             _lock: lock,
             made,
@@ -139,6 +150,13 @@ impl Unfinished {
 }
 
 /// Who is still at it, by the mark that they laid.
+/// Makes a folder; those above it that had to be made, too, itself first.
+fn made_with(folder: &Path) -> Result<Vec<PathBuf>, FileError> {
+    let made = folder.ancestors().take_while(|f| !f.as_os_str().is_empty() && !f.exists()).map(Into::into).collect();
+    fs::create_dir_all(folder).map_err(FileError::on("cannot create", folder))?;
+    Ok(made)
+}
+
 fn held(mark: &Path) -> io::Error {
     let text = read_text(mark).unwrap_or_default();
     let writer = text.lines().nth(1).and_then(|line| {
@@ -198,11 +216,11 @@ mod tests {
     #[test]
     fn a_mark_of_a_later_writer_stays() {
         let folder = tempfile::tempdir().unwrap();
-        let first = Unfinished::start(folder.path(), "the first").unwrap();
+        let mut first = Unfinished::start(folder.path(), "the first").unwrap();
         let refused = Unfinished::begin(folder.path(), "the second").unwrap_err();
         assert!(refused.source.to_string().contains("(`the first`) is still writing"), "{}", refused.source);
         // As on a file system without locks.
-        let first = Unfinished { _lock: None, ..first };
+        first._lock = None;
         let second = Unfinished::begin(folder.path(), "the second").unwrap();
         first.finish().unwrap();
         assert!(told_of(folder.path()).is_some());
