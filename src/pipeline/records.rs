@@ -109,8 +109,10 @@ fn set_on_ground(record: &mut BuildingRecord, correction: GroundCorrection, boun
     record.ground_z_m.iter_mut().for_each(raise);
     record.base_z_m.iter_mut().for_each(raise);
     record.ground_sigma_m = record.ground_z_m.map(|_| sigma_m);
-    if record.height_m.is_none() {
-        return;
+    let Some(before_m) = record.height_m else { return };
+    // Over a terrain that is too high the search began above low roofs.
+    if off_m < 0.0 && before_m < f64::from(bounds.min_m) - off_m {
+        doubt(record, Reason::RangeBound);
     }
     record.height_m.iter_mut().for_each(lower);
     record.height_sigma_m.iter_mut().for_each(|of_roof_m| *of_roof_m = of_roof_m.hypot(sigma_m));
@@ -237,6 +239,13 @@ mod tests {
         assert_eq!((record.roof_sigma_m, record.ground_sigma_m), (Some(0.3), Some(0.4)));
         assert!((record.height_sigma_m.unwrap() - 0.5).abs() < 1e-12, "both sigmas count");
         assert_eq!((record.status, record.reasons.len()), (Status::Measured, 0));
+    }
+
+    #[test]
+    fn a_low_roof_over_a_terrain_that_was_too_high_is_doubtful() {
+        let mut record = BuildingRecord { height_m: Some(3.0), roof: None, ..house() };
+        set_on_ground(&mut record, GroundCorrection { off_m: -2.0, sigma_m: 0.2 }, BOUNDS);
+        assert_eq!((record.height_m, record.status), (Some(5.0), Status::Doubtful));
     }
 
     #[test]

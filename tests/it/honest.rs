@@ -94,12 +94,15 @@ fn a_wrong_terrain_is_reported_and_corrected_and_a_right_one_is_left_alone() {
     simulate(&config, folder.path(), &|_, _| {}).unwrap();
     let (right, _) = told_of_ground(folder.path(), &["--set", "output.pictures=false"]);
     assert_eq!(right, Vec::<Value>::new(), "the terrain of the scene fits");
-    let heights = || -> BTreeMap<String, f64> {
+    let heights = || -> BTreeMap<String, (f64, bool)> {
         let city: Value =
             serde_json::from_slice(&fs::read(folder.path().join("result/city.city.json")).unwrap()).unwrap();
-        let height_m = |object: &Value| object["attributes"]["height_m"].as_f64();
+        let height = |object: &Value| {
+            let attributes = &object["attributes"];
+            Some((attributes["height_m"].as_f64()?, attributes["status"] == "measured"))
+        };
         let objects = city["CityObjects"].as_object().unwrap().iter();
-        objects.filter_map(|(id, object)| Some((id.clone(), height_m(object)?))).collect()
+        objects.filter_map(|(id, object)| Some((id.clone(), height(object)?))).collect()
     };
     let over_right = heights();
     let text = fs::read_to_string(folder.path().join("sizeup.toml")).unwrap();
@@ -110,11 +113,11 @@ fn a_wrong_terrain_is_reported_and_corrected_and_a_right_one_is_left_alone() {
     assert_eq!(wrong.len(), 1);
     assert!(wrong[0]["message"].as_str().unwrap().contains("m lower than the terrain says"), "{wrong:?}");
     let over_wrong = heights();
-    let n_alike = over_right
-        .iter()
-        .filter(|(id, height_m)| over_wrong.get(*id).is_some_and(|other_m| (other_m - *height_m).abs() < 0.5))
-        .count();
-    assert!(n_alike + 2 >= over_right.len(), "3 m off: {over_right:?}, {over_wrong:?}");
+    // Of low houses the least height that is looked for is in the way, over ground that is 3 m too high: these are doubtful.
+    let measured = over_wrong.iter().filter(|(_, (_, is_measured))| *is_measured);
+    let off_m: Vec<f64> = measured.map(|(id, (height_m, _))| (height_m - over_right[id].0).abs()).collect();
+    assert!(off_m.len() >= 6, "{over_wrong:?}");
+    assert!(off_m.iter().all(|off_m| *off_m < 0.6), "3 m off: {over_right:?}, {over_wrong:?}");
 }
 
 #[test]
