@@ -35,7 +35,8 @@ pub struct Unfinished {
     made: Vec<PathBuf>,
     is_replacing: bool,
     /// `None` where the file system has no locks.
-    _lock: Option<Lock>,
+    #[expect(dead_code, reason = "held until it is dropped")]
+    lock: Option<Lock>,
 }
 
 impl Unfinished {
@@ -65,7 +66,7 @@ impl Unfinished {
     fn lay(folder: &Path, command: &str, made: Vec<PathBuf>, lock: Option<Lock>) -> Result<Self, FileError> {
         let path = folder.join(NAME);
         let mut mark = Self {
-            _lock: lock,
+            lock,
             made,
             command: command.to_owned(),
             text: String::new(),
@@ -220,7 +221,7 @@ mod tests {
         let refused = Unfinished::begin(folder.path(), "the second").unwrap_err();
         assert!(refused.source.to_string().contains("(`the first`) is still writing"), "{}", refused.source);
         // As on a file system without locks.
-        first._lock = None;
+        first.lock = None;
         let second = Unfinished::begin(folder.path(), "the second").unwrap();
         first.finish().unwrap();
         assert!(told_of(folder.path()).is_some());
