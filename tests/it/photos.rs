@@ -195,7 +195,7 @@ fn a_run_without_a_terrain_model_makes_one_from_its_photos() {
 #[test]
 fn a_wrong_terrain_is_corrected_by_the_photos_and_the_ground_has_a_sigma() {
     let scene = TOWN.path();
-    let with_model = mean_error_m(scene, &run(scene, "model", &[]));
+    let with_model = mean_error_m(scene, &run(scene, "fitting", &[]));
     // A model whose heights count from elsewhere, and one height for a town with some metres of relief.
     for (name, terrain) in [("offset", "terrain.vertical_offset_m=2.5"), ("constant", "terrain={constant_m=22.0}")] {
         let result = run(scene, name, &[terrain]);

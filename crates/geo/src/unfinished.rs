@@ -35,7 +35,7 @@ pub struct Unfinished {
     made: Vec<PathBuf>,
     is_replacing: bool,
     /// `None` where the file system has no locks.
-    #[expect(dead_code, reason = "held until it is dropped")]
+    #[cfg_attr(not(test), expect(dead_code, reason = "held until it is dropped"))]
     lock: Option<Lock>,
 }
 
