@@ -38,7 +38,7 @@ pub use sizeup_geo::{cloud, crs, files, geodata, hashes, issue, limits, paths, t
 pub use sizeup_heights as heights;
 pub use sizeup_heights::{camera, frames, ids, optimise, ordinal, raster, ray, render, scene, seed, stats, views};
 pub use sizeup_lab::{baseline, evaluate, simulate};
-pub use sizeup_photos::{dtm, onnx, photo_consistency, prior};
+pub use sizeup_photos::{dtm, onnx, prior, vegetation};
 pub use sizeup_results::{changes, output, report};
 pub use sizeup_survey as survey;
 

@@ -4,6 +4,7 @@
 //! at 0.5). Arrays come as bytes, little-endian, row-major: footprints `n × 2` of `f64`, depths and terrain of `f32`, NaN = no
 //! value. Python has looked at their shapes.
 
+use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
@@ -13,7 +14,10 @@ use glam::{DMat3, DVec3};
 use pyo3::prelude::*;
 use serde::Deserialize;
 use sizeup_heights::camera::Camera;
+use sizeup_heights::estimate::{BuildingHeight, MethodSettings, PartHeight};
 use sizeup_heights::optimise::OptimiseConfig;
+use sizeup_heights::photo_consistency::RefinementConfig;
+use sizeup_heights::picture::Picture;
 use sizeup_heights::prelude::{
     Building, DepthPrior, GroundLevel, HeightsConfig, PriorGeometry, PriorKind, Raster, Rigid, Settings, Terrain, View,
 };
@@ -39,6 +43,8 @@ struct ViewFacts {
     geometry: PriorGeometry,
     /// Rows and columns of the depths; none where the view has none.
     shape: Option<[usize; 2]>,
+    /// Rows and columns of the grey photo; none where there is none.
+    photo_shape: Option<[usize; 2]>,
 }
 
 /// The ground's surface but for its heights.
@@ -62,6 +68,7 @@ struct Question {
     grid: Option<GridFacts>,
     heights: HeightsConfig,
     optimise: OptimiseConfig,
+    refinement: RefinementConfig,
     seed: u64,
 }
 
@@ -73,6 +80,7 @@ pub(crate) fn estimate_heights(
     question: &str,
     footprints: Vec<Vec<Vec<u8>>>,
     depths: Vec<Option<Vec<u8>>>,
+    photos: Vec<Option<Vec<u8>>>,
     terrain: Option<Vec<u8>>,
 ) -> PyResult<String> {
     let question: Question = serde_json::from_str(question)
@@ -83,13 +91,14 @@ pub(crate) fn estimate_heights(
             )
         })
         .map_err(|failure| told(py, failure))?;
-    let task = task(question, &footprints, depths, terrain).map_err(|failure| told(py, failure))?;
+    let task = task(question, &footprints, (depths, photos), terrain).map_err(|failure| told(py, failure))?;
     let (answer, answered) = channel();
     std::thread::spawn(move || {
         let Task { buildings, terrain, views, settings } = task;
         let heights = sizeup_heights::estimate_heights(&buildings, &terrain, &views, &settings);
         // Nobody waits any more after Ctrl-C.
-        let _ = answer.send(serde_json::to_string(&heights).unwrap_or_default());
+        let answers: Vec<serde_json::Value> = heights.iter().map(height).collect();
+        let _ = answer.send(serde_json::Value::from(answers).to_string());
     });
     py.detach(move || {
         loop {
@@ -122,7 +131,7 @@ struct Task {
 fn task(
     question: Question,
     footprints: &[Vec<Vec<u8>>],
-    depths: Vec<Option<Vec<u8>>>,
+    (depths, photos): (Vec<Option<Vec<u8>>>, Vec<Option<Vec<u8>>>),
     terrain: Option<Vec<u8>>,
 ) -> Result<Task, Failure> {
     if let Some(fault) = question.heights.fault() {
@@ -150,13 +159,15 @@ fn task(
     };
     let buildings =
         footprints.iter().zip(&question.ground_m).enumerate().map(building).collect::<Result<Vec<_>, _>>()?;
-    let views = question.views.into_iter().zip(depths).enumerate();
-    let views = views.map(|(i, (facts, depth))| view(i, facts, depth.as_deref())).collect::<Result<Vec<_>, _>>()?;
+    let views = question.views.into_iter().zip(depths.into_iter().zip(photos)).enumerate();
+    let views = views.map(|(i, (facts, (depth, photo)))| view(i, facts, depth.as_deref(), photo.as_deref()));
+    let views = views.collect::<Result<Vec<_>, _>>()?;
     let terrain = match (question.grid, terrain) {
         (Some(grid), Some(heights)) => Terrain::Grid(surface(&grid, &heights)?),
         _ => Terrain::Constant(question.level_m),
     };
-    let settings = Settings { heights: question.heights, optimise: question.optimise, seed: question.seed };
+    let method = MethodSettings { optimise: question.optimise, refinement: question.refinement };
+    let settings = Settings { heights: question.heights, method, seed: question.seed };
     Ok(Task { buildings, terrain, views, settings })
 }
 
@@ -179,7 +190,27 @@ fn footprint(i: usize, rings: &[Vec<u8>]) -> Result<Polygon<f64>, Failure> {
     Ok(footprint)
 }
 
-fn view(i: usize, facts: ViewFacts, depth: Option<&[u8]>) -> Result<View, Failure> {
+/// A building's height as JSON: of the whole, and of its parts.
+fn height(found: &BuildingHeight) -> serde_json::Value {
+    let rings = |footprint: &Polygon<f64>| -> Vec<Vec<[f64; 2]>> {
+        let rings = std::iter::once(footprint.exterior()).chain(footprint.interiors());
+        rings.map(|ring| ring.0.iter().map(|c| [c.x, c.y]).collect()).collect()
+    };
+    let part = |part: &PartHeight| {
+        let mut part_json = serde_json::json!(part.height);
+        part_json["rings"] = serde_json::json!(rings(&part.footprint));
+        part_json
+    };
+    serde_json::json!({
+        "height_m": found.height_m(),
+        "sigma_m": found.sigma_m(),
+        "reasons": found.reasons(),
+        "views": found.views(),
+        "parts": found.parts.iter().map(part).collect::<Vec<_>>(),
+    })
+}
+
+fn view(i: usize, facts: ViewFacts, depth: Option<&[u8]>, photo: Option<&[u8]>) -> Result<View, Failure> {
     let at = || format!("views[{i}] ({:?})", facts.name);
     facts.camera.validate().map_err(|fault| {
         Failure::of_input(format!("{}: camera: {fault}", at()), "intrinsics are in pixels of the photo's own size")
@@ -211,7 +242,18 @@ fn view(i: usize, facts: ViewFacts, depth: Option<&[u8]>) -> Result<View, Failur
         _ => None,
     };
     let camera_from_map = Rigid::new(rotation, translation);
-    Ok(View { name: facts.name, camera: facts.camera, camera_from_map, prior })
+    let picture = match (facts.photo_shape, photo) {
+        (Some([rows, columns]), Some(bytes)) => {
+            let camera = facts.camera.resized(columns as u32, rows as u32);
+            let picture = raster(rows, columns, bytes).and_then(|grey| Picture::new(&grey, &camera, camera_from_map));
+            let fault = || {
+                Failure::of_input(format!("{}: photo: expected {rows} × {columns} numbers", at()), "a 2D array of grey levels")
+            };
+            Some(Arc::new(picture.ok_or_else(fault)?))
+        }
+        _ => None,
+    };
+    Ok(View { name: facts.name, camera: facts.camera, camera_from_map, prior, picture, green: None })
 }
 
 fn surface(grid: &GridFacts, heights: &[u8]) -> Result<Dem, Failure> {

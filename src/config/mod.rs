@@ -25,7 +25,7 @@ use sizeup_heights::optimise::OptimiseConfig;
 use sizeup_heights::scene::HeightsConfig;
 use sizeup_photos::align::AlignConfig;
 use sizeup_photos::dtm::DtmConfig;
-use sizeup_photos::photo_consistency::RefinementConfig;
+use sizeup_heights::photo_consistency::RefinementConfig;
 use sizeup_photos::prior::PriorConfig;
 use sizeup_results::output::cityjson::CityJsonConfig;
 use sizeup_results::output::fallback::FallbackConfig;

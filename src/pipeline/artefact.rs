@@ -9,7 +9,7 @@ use glam::DVec3;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::{FootprintCut, GroundTold, PipelineError, Stage, contents, settings};
+use super::{GroundTold, PipelineError, Stage, contents, settings};
 use crate::config::RunConfig;
 use crate::recipe::Recipe;
 use sizeup_footprints::{DetectionSummary, FootprintLayer, Tracks};
@@ -18,6 +18,7 @@ use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::GroundLevel;
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::ids::BuildingId;
+use sizeup_heights::estimate::{Part, Split};
 use sizeup_heights::optimise::{LayerShift, LevelGain, Solution};
 use sizeup_survey::Survey;
 
@@ -56,13 +57,14 @@ pub struct HeightStage {
     pub origin: LocalOrigin,
     /// Position in the layer of each building that was solved.
     pub solved: Vec<usize>,
-    /// How footprints were split before the last round of solving, round by round; positions count the layer as it
-    /// was left by the round before.
+    /// Buildings and parts of buildings, in the order of `solved`; their `building` counts the footprints with a ground, unsplit.
+    pub parts: Vec<Part>,
+    /// Footprints that were split, and why.
     #[serde(default)]
-    pub cuts: Vec<Vec<FootprintCut>>,
-    /// Footprints that were split and joined again, as the heights of their parts did not bear it out.
+    pub splits: Vec<Split>,
+    /// Footprints that were split and joined again, because the heights of their parts did not differ.
     #[serde(default)]
-    pub joined: Vec<String>,
+    pub joined: Vec<(usize, Vec<usize>)>,
     /// The solution, one height per building of `solved`; its views are positions in the survey.
     pub solution: Solution,
     /// Views whose photo could not be read where roofs were settled by photos, and why.
@@ -85,7 +87,8 @@ impl HeightStage {
         Self {
             origin: LocalOrigin(DVec3::ZERO),
             solved: Vec::new(),
-            cuts: Vec::new(),
+            parts: Vec::new(),
+            splits: Vec::new(),
             joined: Vec::new(),
             solution: Solution::default(),
             unread_photos: Vec::new(),
@@ -246,16 +249,16 @@ impl Coherent for FootprintStage {
 impl Coherent for HeightStage {
     fn check(&self) -> Result<(), String> {
         let n_heights = self.solution.heights.len();
-        if self.solved.len() == n_heights {
-            Ok(())
-        } else {
-            Err(format!("{n_heights} heights of {}", self.solved.len()))
+        if self.parts.len() != n_heights {
+            return Err(format!("{n_heights} heights of {}", self.parts.len()));
         }
+        let is_in_order = self.parts.is_sorted_by_key(|part| part.building);
+        if is_in_order { Ok(()) } else { Err("the order of the buildings".to_owned()) }
     }
 }
 
 impl HeightStage {
-    /// Whether all its positions are those of views of the survey, and of footprints as they are once split.
+    /// Whether all its positions are those of views of the survey, and of footprints with a ground.
     ///
     /// # Errors
     /// [`PipelineError::Artefact`].
@@ -268,11 +271,14 @@ impl HeightStage {
         let solution = &self.solution;
         let told = solution.failed_views.iter().chain(&self.unread_photos).map(|(view, _)| view);
         let said = solution.heights.iter().flat_map(|height| &height.views).chain(&solution.used_views);
-        let (n_views, n_footprints) = (survey.views.len(), footprints.layer.footprints.len());
+        let n_views = survey.views.len();
+        let n_buildings = footprints.ground.iter().flatten().count();
+        let named = self.parts.iter().map(|part| part.building).chain(self.splits.iter().map(|split| split.building));
+        let mut named = named.chain(self.joined.iter().map(|(building, _)| *building));
         let message = if let Some(view) = said.chain(told).find(|&&view| view >= n_views) {
             format!("altered: view {view} of {n_views}")
-        } else if let Some(at) = self.solved.iter().find(|&&at| at >= n_footprints) {
-            format!("altered: footprint {at} of {n_footprints}")
+        } else if let Some(at) = named.find(|&at| at >= n_buildings) {
+            format!("altered: building {at} of {n_buildings}")
         } else {
             return Ok(());
         };

@@ -1,39 +1,37 @@
-//! The heights stage: one scene solved, and solved again where heights change the footprints.
+//! The heights stage: the run's footprints, priors and photos handed to the method.
 
 use std::borrow::Cow;
-use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DVec3;
 
-use super::above::mark_towers;
 use super::footprints;
 use super::kept::PriorStore;
-use super::neighbours::mark_small;
-use super::refinement::refine;
+use super::parts::buildings_of;
 use super::stages::SceneStage;
-use super::{
-    Event, FootprintStage, GroundTold, HeightStage, PipelineError, Solver, Stage, Tell, artefact, ground_told, levels,
-};
+use super::{Event, FootprintStage, GroundTold, HeightStage, PipelineError, Solver, Stage, Tell, artefact, ground_told};
 use crate::config::RunConfig;
 use sizeup_footprints::FootprintSource;
-use sizeup_geo::terrain::Terrain;
-use sizeup_heights::optimise::{
-    CalibrationRays, OptimiseConfig, Problem, Rays, SearchConfig, Solution, Solving, ViewInput,
+use sizeup_geo::issue::Issue;
+use sizeup_geo::terrain::{MapBox, Terrain};
+use sizeup_heights::estimate::{
+    Heights, LocalFrame, MethodSettings, NamedCamera, Photos, Priors as TaskPriors, Task, estimate_with,
 };
-use sizeup_heights::render::PlacedCamera;
+use sizeup_heights::optimise::{CalibrationRays, OptimiseConfig, Solution, ViewInput, WithoutPrior};
+use sizeup_heights::picture::Picture;
+use sizeup_heights::raster::Raster;
 use sizeup_heights::scene::Scene;
 use sizeup_photos::prior::{
-    GroundCorrelation, PriorConfig, PriorKind, Priors, ground_correlation, judge_tag, judge_unit, surely_inverted,
+    Album, DepthPrior, GroundCorrelation, PriorConfig, PriorKind, Priors, ground_correlation, judge_tag, judge_unit,
+    surely_inverted,
 };
 use sizeup_survey::{Survey, View, ViewKind, mismatch};
 
-/// Full sweeps that parts get among buildings whose heights are known from the round before.
-const RESUMED_SWEEPS: usize = 2;
-
-/// Views whose priors are held against the ground before any ray is traced.
+/// Views whose priors are compared with the ground before any ray is traced.
 const N_SAMPLED: usize = 5;
+/// Memory for reduced photos, bytes.
+const PICTURE_BYTES: usize = 512 << 20;
 
 /// Input of the search for heights.
 pub(super) struct HeightSearch<'a> {
@@ -41,66 +39,53 @@ pub(super) struct HeightSearch<'a> {
     pub survey: &'a Survey,
     pub tell: Tell<'a>,
     pub solver: Solver<'a>,
-    /// Whether it is measured how far the footprint layer lies from what the photos show.
-    measures_shift: bool,
-    /// How far the photos were moved onto the footprints, map frame, metres.
-    moved_m: Cell<DVec3>,
+    settings: MethodSettings,
 }
 
 impl<'a> HeightSearch<'a> {
     /// For a scene that stands alone.
     pub fn new(config: &'a RunConfig, survey: &'a Survey, tell: Tell<'a>, solver: Solver<'a>) -> Self {
-        // Footprints that were found in the photos lie where these show them.
-        let measures_shift =
-            config.optimise.search.measure_shift && matches!(config.footprints, FootprintSource::Layer(_));
-        Self { config, survey, tell, solver, measures_shift, moved_m: Cell::new(DVec3::ZERO) }
+        let mut settings = MethodSettings {
+            optimise: for_priors(&config.prior, &config.optimise),
+            refinement: config.refinement.clone(),
+        };
+        // Footprints that were found in the photos are where the photos show them.
+        let is_layer = matches!(config.footprints, FootprintSource::Layer(_));
+        settings.optimise.search.measure_shift &= is_layer;
+        settings.optimise.search.measure_footprints &= is_layer;
+        Self { config, survey, tell, solver, settings }
     }
 
-    /// For a part of a city, where nothing is measured of the layer as a whole.
+    /// For a part of a city, where the shift of the layer as a whole is not measured: neighbouring tiles would come apart.
     pub fn within_a_city(config: &'a RunConfig, survey: &'a Survey, tell: Tell<'a>, solver: Solver<'a>) -> Self {
-        Self { measures_shift: false, ..Self::new(config, survey, tell, solver) }
+        let mut search = Self::new(config, survey, tell, solver);
+        search.settings.optimise.search.measure_shift = false;
+        search
     }
 
-    /// Settings of the first look at whole footprints.
-    fn first_look(&self) -> OptimiseConfig {
-        measuring_shift(&self.config.optimise, self.measures_shift)
-    }
-
-    /// The survey that heights are measured from.
-    fn moved_survey(&self) -> Cow<'a, Survey> {
-        moved(self.survey, self.moved_m.get())
-    }
-
-    /// Solves for the heights, again and again where they change the footprints; with the priors they were found in.
-    pub fn in_rounds(
+    /// Finds the heights, and moves roofs with them where footprints were found in photos; returns the priors as well.
+    pub fn run(
         &self,
         footprints: &mut FootprintStage,
         stage: &mut SceneStage,
     ) -> Result<(HeightStage, PriorStore), PipelineError> {
-        // What is computed depends on the terrain.
-        let opened: RefCell<Option<(Terrain, PriorStore)>> = RefCell::new(None);
-        let find = |stage: &SceneStage, rays: &Rays, optimise: &OptimiseConfig, known: &KnownHeights| {
-            let mut opened = opened.borrow_mut();
-            let kept = opened.take().filter(|(terrain, _)| *terrain == stage.terrain);
-            let (_, priors) = match kept {
-                Some(kept) => opened.insert(kept),
-                None => {
-                    require_matched_photos(self.config, self.survey)?;
-                    let store = PriorStore::open(self.config, self.survey, stage)?;
-                    require_a_prior(self, &store, &stage.terrain)?;
-                    opened.insert((stage.terrain.clone(), store))
-                }
-            };
-            let heights = self.of_scene(stage, priors, rays, optimise, known);
-            require_priors(self.survey, &heights.solution)?;
-            Ok(heights)
-        };
+        require_matched_photos(self.config, self.survey)?;
+        let mut priors = self.open_priors(stage)?;
+        let mut provisional = self.settings.clone();
+        provisional.optimise.search.split_levels = false;
+        provisional.optimise.search.measure_shift = false;
+        provisional.refinement.enabled = Some(false);
         // Roofs move with their heights, and heights are measured under their roofs.
         for _ in 0..footprints::roof_rounds(self.config, footprints) {
-            let heights =
-                find(stage, &self.untraced(), &keeping_whole(&self.config.optimise), &KnownHeights::default())?;
+            let heights = self.estimate(footprints, stage, &priors, &provisional);
+            require_priors(self.survey, &heights.solution)?;
             let has_moved = footprints::move_roofs(self.config, self.survey, footprints, &heights)?;
+            let terrain = stage.terrain.clone();
             *stage = SceneStage::new(self.config, self.survey, footprints)?;
+            // Computed priors depend on the terrain.
+            if stage.terrain != terrain {
+                priors = self.open_priors(stage)?;
+            }
             if !has_moved {
                 break;
             }
@@ -108,165 +93,151 @@ impl<'a> HeightSearch<'a> {
         if footprints.tracks.is_some() {
             artefact::write(self.config, Stage::Footprints, self.survey, &footprints)?;
         }
-        let mut heights = self.taking_apart(footprints, stage, find)?;
-        heights.ground = ground_told::look(self.config, &self.moved_survey(), footprints, stage, None);
-        let (_, priors) = opened.into_inner().expect("taking apart solves at least once");
+        let heights = self.in_parts(footprints, stage, &priors, None)?;
+        require_priors(self.survey, &heights.solution)?;
         Ok((heights, priors))
     }
 
-    /// Solves with `find`, takes apart the footprints with two roof levels (no one height fits them), and solves again.
-    pub fn taking_apart(
+    /// Finds the heights of a scene, splits its footprints into the parts found, and measures the ground around them, in a part of a city
+    /// around its core.
+    pub fn in_parts(
         &self,
         footprints: &mut FootprintStage,
         stage: &mut SceneStage,
-        find: impl Fn(&SceneStage, &Rays, &OptimiseConfig, &KnownHeights) -> Result<HeightStage, PipelineError>,
+        priors: &PriorStore,
+        core: Option<MapBox>,
     ) -> Result<HeightStage, PipelineError> {
-        let whole = footprints.clone();
-        let mut cuts = Vec::new();
-        let mut rays = self.untraced();
-        let mut heights = find(stage, &rays, &self.first_look(), &KnownHeights::default())?;
-        let layer_shift = heights.solution.layer_shift;
-        if let Some(shift) = layer_shift {
-            self.moved_m.set(shift.on_ground());
-            rays = self.untraced();
-            heights = find(stage, &rays, &measuring_shift(&self.config.optimise, false), &KnownHeights::default())?;
-        }
-        while cuts.len() < levels::MAX_ROUNDS {
-            let round = levels::cuts(footprints, stage, &heights.solution);
-            let known = KnownHeights::of(&heights, footprints.layer.footprints.len());
-            let Some(stood) = levels::split_footprints(footprints, &round) else { break };
-            *stage = SceneStage::in_frame(self.config, &stage.frame(), footprints)?;
-            rays = rays.of_other_footprints();
-            cuts.push(round);
-            if cuts.len() < levels::MAX_ROUNDS {
-                heights = find(stage, &rays, &looking_at_parts(&self.config.optimise), &known.moved(&stood))?;
-            }
-        }
-        if !cuts.is_empty() || !heights.solution.other_levels.is_empty() {
-            // From scratch: what was found with other footprints hides what stands behind them.
-            heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &KnownHeights::default())?;
-        }
-        let mut joined = BTreeSet::new();
-        loop {
-            let n_before = joined.len();
-            joined.extend(levels::not_borne_out(footprints, &heights, &cuts));
-            if joined.len() == n_before {
-                break;
-            }
-            footprints.clone_from(&whole);
-            let mut kept = Vec::new();
-            for round in &cuts {
-                let round = levels::without(round, footprints, &joined);
-                if levels::split_footprints(footprints, &round).is_some() {
-                    kept.push(round);
-                }
-            }
-            cuts = kept;
-            *stage = SceneStage::in_frame(self.config, &stage.frame(), footprints)?;
-            rays = rays.of_other_footprints();
-            heights = find(stage, &rays, &keeping_whole(&self.config.optimise), &KnownHeights::default())?;
-        }
-        // Photos show roofs where they are.
-        for (prism, solved) in stage.scene.prisms.iter_mut().zip(&heights.solution.heights) {
-            if let Some(shift) = solved.footprint_shift {
-                *prism = shift.moved(prism);
-            }
-        }
-        heights.unread_photos.extend(refine(self.config, &self.moved_survey(), stage, &mut heights.solution));
-        heights.unread_photos.sort_unstable();
-        heights.unread_photos.dedup_by_key(|(view, _)| *view);
-        mark_towers(&stage.scene, &mut heights.solution);
-        mark_small(&stage.scene, &mut heights.solution);
-        footprints.issues.extend(joined.iter().map(|id| levels::joined_note(id)));
-        Ok(HeightStage { cuts, joined: joined.into_iter().collect(), layer_shift, ..heights })
+        let mut heights = self.estimate(footprints, stage, priors, &self.settings);
+        stage.split(self.config, footprints, &mut heights)?;
+        heights.ground =
+            ground_told::look(self.config, &moved(self.survey, heights.moved_m()), footprints, stage, core);
+        Ok(heights)
     }
 
-    /// Rays of the survey's views through a scene that nobody has looked at yet.
-    fn untraced(&self) -> Rays {
-        Rays::new(self.survey.views.len(), self.config.optimise.stride_px)
+    fn open_priors(&self, stage: &SceneStage) -> Result<PriorStore, PipelineError> {
+        let store = PriorStore::open(self.config, self.survey, stage)?;
+        require_a_prior(self, &store, &stage.terrain)?;
+        Ok(store)
     }
 
-    /// Heights of the buildings of a scene.
-    pub fn of_scene(
+    fn estimate(
         &self,
+        footprints: &FootprintStage,
         stage: &SceneStage,
         priors: &PriorStore,
-        rays: &Rays,
-        optimise: &OptimiseConfig,
-        known: &KnownHeights,
+        settings: &MethodSettings,
     ) -> HeightStage {
-        let views = view_inputs(self.config, &self.moved_survey(), &stage.scene);
-        // By view, and each once, however often its prior is loaded.
-        let correlations: Mutex<BTreeMap<usize, GroundCorrelation>> = Mutex::default();
-        let load_prior = |view: usize| {
-            let prior = priors.load(view).map_err(|e| e.to_string())?;
-            if let Some(correlation) = ground_correlation(&prior, &self.survey.views[view], &stage.terrain) {
-                correlations.lock().unwrap_or_else(PoisonError::into_inner).insert(view, correlation);
-            }
-            Ok(prior)
-        };
-        let problem = Problem {
-            scene: &stage.scene,
-            views: &views,
-            expect_priors: &|views| {
-                let done = |done, total| (self.tell)(Event::Advance { what: Solving::Priors, done, total });
-                priors.expect(views, &done)
-            },
-            without_prior: &|view| priors.absence(view),
-            load_prior: &load_prior,
+        let run_priors = RunPriors { store: priors, survey: self.survey, terrain: &stage.terrain, found: Mutex::default() };
+        let album = Album::new(self.config.refinement.long_side_px, PICTURE_BYTES);
+        let frame = stage.frame();
+        let task = Task {
+            buildings: &buildings_of(footprints),
+            terrain: &stage.terrain,
+            frame: LocalFrame { origin: frame.origin, bounds: frame.bounds },
+            views: &cameras(self.survey),
+            priors: &run_priors,
+            photos: Some(&RunPhotos { album, survey: self.survey }),
             seed: self.config.seed,
-            rays,
-            green: &|view| priors.green(view),
-            start_m: &known.of_scene(stage),
             progress: &|what, done, total| (self.tell)(Event::Advance { what, done, total }),
         };
-        let mut optimise = for_priors(&self.config.prior, optimise);
-        // Footprints that were found in the photos lie where these show them.
-        optimise.search.measure_footprints &= matches!(self.config.footprints, FootprintSource::Layer(_));
-        let mut solution = (self.solver)(&problem, &optimise);
-        // Whatever solved it: no height outside the range is stated.
-        let bounds = stage.scene.bounds;
-        solution.heights.iter_mut().for_each(|solved| solved.keep_within(bounds, optimise.height_reference));
-        let correlations = correlations.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let correlations: Vec<GroundCorrelation> = correlations.into_values().collect();
-        let unit = self.config.prior.unit_of_files();
+        let Heights { parts, solution, splits, joined, layer_shift, mut unread_photos } =
+            estimate_with(&task, settings, self.solver);
+        unread_photos.extend(priors.unread_photos());
+        unread_photos.sort_unstable();
+        unread_photos.dedup_by_key(|(view, _)| *view);
         HeightStage {
-            origin: stage.scene.origin,
+            origin: frame.origin,
             solved: stage.solved.clone(),
-            cuts: Vec::new(),
-            joined: Vec::new(),
+            parts,
+            splits,
+            joined,
             solution,
-            unread_photos: priors.unread_photos(),
+            unread_photos,
             ground: GroundTold::default(),
-            layer_shift: None,
-            doubt: judge_tag(&correlations).or_else(|| judge_unit(&correlations, unit?)),
+            layer_shift,
+            doubt: run_priors.doubt(&self.config.prior),
         }
     }
 }
 
-/// Heights from a round before, above ground, metres, by position in the layer; empty before the first.
-#[derive(Debug, Clone, Default)]
-pub(super) struct KnownHeights(Vec<Option<f32>>);
+/// Memory that refining roofs takes at most with so many photos, bytes.
+pub(super) fn picture_bytes(config: &RunConfig, n_photos: usize) -> usize {
+    PICTURE_BYTES.min(n_photos.saturating_mul(Album::bytes_of_one(config.refinement.long_side_px)))
+}
 
-impl KnownHeights {
-    fn of(heights: &HeightStage, n_footprints: usize) -> Self {
-        let mut known = vec![None; n_footprints];
-        let last = heights.solution.history.last();
-        for (&at, height_m) in heights.solved.iter().zip(last.iter().flat_map(|pass| &pass.heights_m)) {
-            known[at] = Some(*height_m);
+/// The run's priors as the method takes them; how each follows the ground is measured on the way.
+struct RunPriors<'a> {
+    store: &'a PriorStore,
+    survey: &'a Survey,
+    terrain: &'a Terrain,
+    /// By view, each once, however often its prior is loaded.
+    found: Mutex<BTreeMap<usize, GroundCorrelation>>,
+}
+
+impl RunPriors<'_> {
+    /// Doubt about the declared direction or unit of the priors.
+    fn doubt(self, prior: &PriorConfig) -> Option<Issue> {
+        let found = self.found.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let correlations: Vec<GroundCorrelation> = found.into_values().collect();
+        judge_tag(&correlations).or_else(|| judge_unit(&correlations, prior.unit_of_files()?))
+    }
+}
+
+impl TaskPriors for RunPriors<'_> {
+    fn load(&self, view: usize) -> Result<DepthPrior, String> {
+        let prior = self.store.load(view).map_err(|e| e.to_string())?;
+        if let Some(correlation) = ground_correlation(&prior, &self.survey.views[view], self.terrain) {
+            self.found.lock().unwrap_or_else(PoisonError::into_inner).insert(view, correlation);
         }
-        Self(known)
+        Ok(prior)
     }
 
-    /// For a layer whose footprints stood elsewhere in the old one.
-    fn moved(&self, stood: &[Option<usize>]) -> Self {
-        Self(stood.iter().map(|before| self.0[(*before)?]).collect())
+    fn prepare(&self, views: &[usize], progress: &(dyn Fn(usize, usize) + Sync)) -> Vec<WithoutPrior> {
+        self.store.expect(views, progress)
     }
 
-    /// By building of a scene; empty before the first round.
-    fn of_scene(&self, stage: &SceneStage) -> Vec<Option<f32>> {
-        if self.0.is_empty() { Vec::new() } else { stage.solved.iter().map(|&at| self.0[at]).collect() }
+    fn absence(&self, view: usize) -> Option<String> {
+        self.store.absence(view)
     }
+
+    fn green(&self, view: usize) -> Option<Arc<Raster<bool>>> {
+        self.store.green(view)
+    }
+}
+
+/// The run's photos as the method takes them.
+struct RunPhotos<'a> {
+    album: Album,
+    survey: &'a Survey,
+}
+
+impl Photos for RunPhotos<'_> {
+    fn has(&self, view: usize) -> bool {
+        self.survey.views[view].image.is_some()
+    }
+
+    fn picture(&self, view: usize) -> Result<Arc<Picture>, String> {
+        self.album.picture(&self.survey.views[view]).map_err(|e| e.to_string())
+    }
+}
+
+/// Whether the photo of a view is read while heights are found: for roofs, for vegetation, or for the ground.
+#[must_use]
+pub fn reads_photo(config: &RunConfig, view: &View) -> bool {
+    let masks_vegetation = config.optimise.leaves_out_vegetation() && view.kind() == ViewKind::Oblique;
+    (refines_roofs(config) || masks_vegetation || ground_told::asks(config)) && view.image.is_some()
+}
+
+/// Whether photos, where there are any, refine roofs.
+pub(super) fn refines_roofs(config: &RunConfig) -> bool {
+    let refinement = config.refinement.clone();
+    MethodSettings { optimise: config.optimise.clone(), refinement }.refines_roofs()
+}
+
+/// Memory that photos take at most where there are so many, bytes: those of roofs, then those of the ground.
+#[must_use]
+pub fn photo_bytes(config: &RunConfig, n_photos: usize) -> usize {
+    picture_bytes(config, n_photos).max(ground_told::photo_bytes(n_photos))
 }
 
 /// Depth in metres is not calibrated.
@@ -278,30 +249,7 @@ pub(super) fn for_priors(priors: &PriorConfig, optimise: &OptimiseConfig) -> Opt
     optimise
 }
 
-/// Settings to see whether a new part has yet another level.
-fn looking_at_parts(optimise: &OptimiseConfig) -> OptimiseConfig {
-    let search = SearchConfig {
-        full_sweeps: RESUMED_SWEEPS.min(optimise.search.full_sweeps),
-        local_sweeps: 0,
-        correct_edge_bleeding: false,
-        measure_shift: false,
-        measure_footprints: false,
-        roof_forms: Vec::new(),
-        ..optimise.search.clone()
-    };
-    OptimiseConfig { search, ..optimise.clone() }
-}
-
-fn keeping_whole(optimise: &OptimiseConfig) -> OptimiseConfig {
-    let search = SearchConfig { split_levels: false, measure_shift: false, ..optimise.search.clone() };
-    OptimiseConfig { search, ..optimise.clone() }
-}
-
-fn measuring_shift(optimise: &OptimiseConfig, measure_shift: bool) -> OptimiseConfig {
-    OptimiseConfig { search: SearchConfig { measure_shift, ..optimise.search.clone() }, ..optimise.clone() }
-}
-
-/// A survey whose photos all lie elsewhere, by as much in the map frame, metres.
+/// A survey whose photos are all moved in the map frame, metres.
 pub(super) fn moved(survey: &Survey, by: DVec3) -> Cow<'_, Survey> {
     if by == DVec3::ZERO {
         return Cow::Borrowed(survey);
@@ -313,14 +261,14 @@ pub(super) fn moved(survey: &Survey, by: DVec3) -> Cow<'_, Survey> {
     Cow::Owned(survey)
 }
 
+fn cameras(survey: &Survey) -> Vec<NamedCamera> {
+    let named = |view: &View| NamedCamera { name: view.id.0.clone(), posed: view.posed() };
+    survey.views.iter().map(named).collect()
+}
+
 /// Every view of a survey at its working resolution.
 pub(super) fn view_inputs(config: &RunConfig, survey: &Survey, scene: &Scene) -> Vec<ViewInput> {
-    let of = |view: &View| {
-        let camera = view.camera.reduced_to(config.optimise.working_px);
-        let placed = PlacedCamera::new(camera, view.camera_from_map, scene.origin);
-        ViewInput::new(&view.id.0, placed, view.kind() == ViewKind::Oblique)
-    };
-    survey.views.iter().map(of).collect()
+    sizeup_heights::estimate::view_inputs(&cameras(survey), config.optimise.working_px, scene, DVec3::ZERO)
 }
 
 /// Looks at some priors of oblique views before rays are traced for all of them: whether one can be used (without a single one there

@@ -28,7 +28,7 @@ const PICTURE_PX: u32 = 640;
 pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) -> Result<(), PipelineError> {
     let survey: Survey = artefact::read_survey(config)?;
     let mut footprints: FootprintStage = artefact::read(config, Stage::Footprints, &survey)?;
-    let heights: HeightStage = artefact::read(config, Stage::Heights, &survey)?;
+    let mut heights: HeightStage = artefact::read(config, Stage::Heights, &survey)?;
     let wrong = |message: String, hint| PipelineError::Settings { table: "look", message, hint };
     let found =
         survey.views.iter().find(|v| v.id.0 == view).or_else(|| survey.views.iter().find(|v| v.id.0.contains(view)));
@@ -38,7 +38,7 @@ pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) ->
             "views are named as their photos; `sizeup survey inspect` lists them",
         )
     })?;
-    let passes = &heights.solution.history;
+    let passes = heights.solution.history.clone();
     let pass = pass.unwrap_or(passes.len());
     let heights_m =
         pass.checked_sub(1).and_then(|i| passes.get(i)).map(|pass| pass.heights_m.clone()).ok_or_else(|| {
@@ -47,8 +47,9 @@ pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) ->
                 "passes are counted from 1; the last is taken where none is named",
             )
         })?;
-    let stage = SceneStage::new(config, &survey, &footprints)?.after(config, &mut footprints, &heights.cuts)?;
     heights.check_positions(config, &survey, &footprints)?;
+    let mut stage = SceneStage::new(config, &survey, &footprints)?;
+    stage.split(config, &mut footprints, &mut heights)?;
     if heights_m.len() != stage.solved.len() {
         let message =
             format!("pass {pass} has {} heights, the scene {} buildings", heights_m.len(), stage.solved.len());

@@ -10,7 +10,6 @@
 //! The survey report (`survey.json`, `pictures/survey.png`) lies beside the results; a survey that looks wrong stops the
 //! run. A run can stop after any stage and start at any, from what earlier runs left behind.
 
-mod above;
 mod apart;
 mod artefact;
 mod backdrop;
@@ -25,15 +24,13 @@ mod ground_told;
 mod heights;
 mod input;
 mod kept;
-mod levels;
 mod look;
-mod neighbours;
 mod overview;
+mod parts;
 mod pictures;
 mod poses;
 mod priors;
 mod records;
-mod refinement;
 mod report;
 mod settings;
 mod soundness;
@@ -48,11 +45,10 @@ pub use footprints::files as footprint_files;
 pub use frame::Frame;
 pub use ground_told::GroundTold;
 pub use input::check_fallback;
-pub use levels::FootprintCut;
 pub use look::look;
 pub use poses::terrain_around;
 pub use priors::{PriorsDone, Wanted, compute_priors};
-pub use refinement::{photo_bytes, reads_photo};
+pub use heights::{photo_bytes, reads_photo};
 pub use report::{photos_for_city_report, write_city_report};
 pub use settings::part_settings;
 pub use stages::{files_of, lineage_of, reviews_of, unstated_reference};
@@ -65,7 +61,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
 use sizeup_geo::issue::Issue;
-use sizeup_heights::optimise::{OptimiseConfig, Problem, Solution, Solving, solve};
+use sizeup_heights::optimise::{Solving, solve};
 use sizeup_results::output::BuildingRecord;
 pub use sizeup_results::output::RunSummary;
 
@@ -187,8 +183,7 @@ pub fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> Result<R
     run_with(config, options, tell, &solve)
 }
 
-/// Solver that turns evidence into heights: the optimiser, or a baseline in its place.
-pub type Solver<'a> = &'a dyn Fn(&Problem<'_>, &OptimiseConfig) -> Solution;
+pub use sizeup_heights::estimate::Solver;
 
 /// As [`run`], with another solver in the optimiser's place. Its results belong in a folder of their own: what the
 /// heights stage leaves behind does not tell which solver ran.

@@ -1,7 +1,7 @@
 //! Photos that are matched with each other, for depth or to refine roofs, and their poses: bad photos that depth would come from are
 //! named, and poses are brought to agree with photos that do not fit.
 
-use super::{Event, PipelineError, Tell, refinement};
+use super::{Event, PipelineError, Tell, heights};
 use crate::config::RunConfig;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::write_json;
@@ -23,7 +23,7 @@ const MIN_CELL_M: f64 = 5.0;
 /// Whether a run looks at how well its poses fit the photos.
 pub(super) fn asks(config: &RunConfig) -> bool {
     match config.align.when {
-        AlignWhen::Auto => config.prior.matches_photos() || refinement::is_on(config),
+        AlignWhen::Auto => config.prior.matches_photos() || heights::refines_roofs(config),
         AlignWhen::Always => true,
         AlignWhen::Never => false,
     }

@@ -16,13 +16,15 @@ use super::kept::PriorStore;
 use super::records::records;
 use super::worst::worst;
 use super::{City, Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
-use super::{artefact, footprints, ground_told, levels, pictures, poses, report, soundness};
+use super::parts::split_footprints;
+use super::{artefact, footprints, ground_told, pictures, poses, report, soundness};
 use crate::config::RunConfig;
 use sizeup_geo::files::{FileError, write_json, write_whole};
 use sizeup_geo::geodata::source;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::{self, GroundLevel, LoadedTerrain, MapBox, Terrain};
 use sizeup_geo::unfinished::Unfinished;
+use sizeup_heights::estimate::move_footprints;
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::optimise::{DisagreeingView, Solution};
 use sizeup_heights::scene::Scene;
@@ -129,15 +131,14 @@ fn run_marked(
     let (heights, priors) = if runs(Stage::Heights) {
         tell(Event::Stage(Stage::Heights));
         let search = HeightSearch::new(config, &survey, tell, solver);
-        let (heights, priors) = search.in_rounds(&mut footprints, &mut stage)?;
+        let (heights, priors) = search.run(&mut footprints, &mut stage)?;
         artefact::write(config, Stage::Heights, &survey, &heights)?;
         timed(Stage::Heights, start);
         (heights, Some(priors))
     } else {
-        let heights: HeightStage = artefact::read(config, Stage::Heights, &survey)?;
-        stage = stage.after(config, &mut footprints, &heights.cuts)?;
+        let mut heights: HeightStage = artefact::read(config, Stage::Heights, &survey)?;
         heights.check_positions(config, &survey, &footprints)?;
-        footprints.issues.extend(heights.joined.iter().map(|id| levels::joined_note(id)));
+        stage.split(config, &mut footprints, &mut heights)?;
         (heights, None)
     };
     summary.n_used_views = heights.solution.used_views.len();
@@ -289,18 +290,19 @@ impl SceneStage {
         Ok(Self { scene, solved, terrain, ground_spacing_m: frame.ground_spacing_m })
     }
 
-    /// The scene after footprints were split.
-    pub fn after(
-        self,
+    /// Splits the footprints into the parts that heights were found for, and moves those that the photos show elsewhere.
+    pub fn split(
+        &mut self,
         config: &RunConfig,
         footprints: &mut FootprintStage,
-        cuts: &[Vec<levels::FootprintCut>],
-    ) -> Result<Self, PipelineError> {
-        let mut is_changed = false;
-        for round in cuts {
-            is_changed |= levels::split_footprints(footprints, round).is_some();
+        heights: &mut HeightStage,
+    ) -> Result<(), PipelineError> {
+        heights.solved = split_footprints(footprints, heights);
+        if !heights.splits.is_empty() {
+            *self = Self::in_frame(config, &self.frame(), footprints)?;
         }
-        if is_changed { Self::in_frame(config, &self.frame(), footprints) } else { Ok(self) }
+        move_footprints(&mut self.scene, &heights.solution);
+        Ok(())
     }
 
     /// Frame of the scene.

@@ -17,7 +17,7 @@ use super::records::records;
 use super::settings::part_settings;
 use super::stages::{SceneStage, lineage_of, load_terrain, reviews_of, terrain_around, view_issues};
 use super::{
-    FootprintStage, Frame, GroundTold, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact, ground_told,
+    FootprintStage, Frame, GroundTold, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact,
 };
 use crate::config::RunConfig;
 use sizeup_footprints::{
@@ -293,10 +293,8 @@ impl<'a> CityPart<'a> {
         let mut ground = GroundTold::default();
         let heights = match &mut self.scene {
             Some(scene) => {
-                let heights = search.taking_apart(&mut footprints, scene, |stage, rays, optimise, known| {
-                    Ok(search.of_scene(stage, &self.priors, rays, optimise, known))
-                })?;
-                ground = ground_told::look(self.config, &self.survey, &footprints, scene, Some(*core));
+                let heights = search.in_parts(&mut footprints, scene, &self.priors, Some(*core))?;
+                ground = heights.ground.clone();
                 heights
             }
             None => HeightStage::empty(),

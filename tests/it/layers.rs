@@ -19,9 +19,10 @@ const ROOMS: [Room; 8] = [
         levels: &[
             &["frames", "ids", "raster", "ray", "seed", "simd", "stats"],
             &["camera", "terrain"],
-            &["prior", "scene"],
+            &["picture", "prior", "scene"],
             &["render"],
             &["ordinal", "views"],
+            &["photo_consistency"],
             &["optimise"],
             &["estimate"],
         ],
@@ -53,7 +54,7 @@ const ROOMS: [Room; 8] = [
     Room {
         name: "photos",
         uses: &["geo", "heights", "survey"],
-        levels: &[&["onnx", "quality", "vegetation"], &["prior"], &["align", "photo_consistency"], &["dtm"]],
+        levels: &[&["onnx", "quality", "vegetation"], &["prior"], &["align"], &["dtm"]],
     },
     Room { name: "footprints", uses: &["geo", "heights", "photos", "survey"], levels: &[] },
     Room {

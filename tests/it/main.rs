@@ -35,6 +35,7 @@ mod hostile_inputs;
 mod init;
 mod layer_shift;
 mod layers;
+mod library;
 mod levels;
 mod mistakes;
 mod multi_view_networks;

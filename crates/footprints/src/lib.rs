@@ -35,7 +35,6 @@ pub mod segment;
 mod shape;
 mod simplify;
 mod source;
-mod split;
 mod vectorise;
 mod votes;
 mod write;
@@ -58,7 +57,6 @@ pub use parts::LayerParts;
 pub use plain::{plain_config, unpack, write_plain};
 pub use segment::{SMALL, Segmenter, SegmenterConfig, SmallNetwork};
 pub use source::{DetectionSettings, FootprintSource};
-pub use split::{pieces, with_corners_of};
 pub use vectorise::{Contour, Instances, MaskFault, Vectorising, contours, contours_at_level};
 pub use write::{WriteFootprintsError, write};
 

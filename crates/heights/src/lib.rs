@@ -25,13 +25,13 @@
 //!     .map(|(east, north)| {
 //!         let camera_from_map = Rigid::looking_at(DVec3::new(*east, *north, 180.0), DVec3::new(10.0, 6.0, 100.0));
 //!         let prior = Some(network(&footprint, camera_from_map, &camera));
-//!         View { name: format!("{east}_{north}.jpg"), camera: camera.clone(), camera_from_map, prior }
+//!         View { name: format!("{east}_{north}.jpg"), camera: camera.clone(), camera_from_map, prior, picture: None, green: None }
 //!     })
 //!     .collect();
 //!
 //! let buildings = [Building { footprint, ground: GroundLevel::flat(100.0) }];
 //! let heights = estimate_heights(&buildings, &Terrain::Constant(100.0), &views, &Settings::default());
-//! assert!((heights[0].height_m.unwrap() - 12.5).abs() < 0.3);
+//! assert!((heights[0].height_m().unwrap() - 12.5).abs() < 0.3);
 //! ```
 //!
 //! # The way of a height
@@ -69,11 +69,13 @@
 //! | MAD | median absolute deviation | [`stats::median_and_mad`] |
 
 pub mod camera;
-mod estimate;
+pub mod estimate;
 pub mod frames;
 pub mod ids;
 pub mod optimise;
 pub mod ordinal;
+pub mod photo_consistency;
+pub mod picture;
 pub mod prior;
 pub mod raster;
 pub mod ray;

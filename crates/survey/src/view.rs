@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use sizeup_heights::camera::Camera;
 use sizeup_heights::frames::{Cam, Map, Rigid};
 use sizeup_heights::ids::ViewId;
+use sizeup_heights::picture::PosedCamera;
 use sizeup_heights::views::NADIR_WITHIN_DEG;
 
 /// A photo with a pose.
@@ -65,6 +66,12 @@ impl View {
     #[must_use]
     pub fn pixel_of(&self, place: DVec3) -> Option<DVec2> {
         self.camera.project(self.camera_from_map.point(place)).filter(|pixel| self.camera.contains(*pixel))
+    }
+
+    /// Camera and pose.
+    #[must_use]
+    pub fn posed(&self) -> PosedCamera {
+        PosedCamera { camera: (*self.camera).clone(), camera_from_map: self.camera_from_map }
     }
 
     /// Nadir, oblique or upward.

@@ -9,7 +9,7 @@
 Every error is a :class:`SizeupError` with a ``message`` and, where it is known what helps, a ``hint``.
 """
 
-from ._arrays import Camera, Grid, Height, Pose, View, estimate_heights
+from ._arrays import Camera, Grid, Height, Part, Pose, View, estimate_heights
 from ._errors import ConfigurationError, InputError, RunError, SizeupError
 from ._native import version as _version
 from ._results import Building, City, read
@@ -25,6 +25,7 @@ __all__ = [
     "Grid",
     "Height",
     "InputError",
+    "Part",
     "Pose",
     "Progress",
     "RunError",

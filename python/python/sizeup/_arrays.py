@@ -94,6 +94,9 @@ class View:
     """``depth``: higher is farther; ``inverse_depth``: higher is nearer. Never guessed."""
     geometry: Literal["z_depth", "range"] = "z_depth"
     """Along the optical axis, or along the ray."""
+    photo: ArrayLike | None = None
+    """Grey levels, rows × columns, of any size and the photo's shape. Photos refine the roofs; the program reduces them to 2,000
+    pixels on the longer side."""
 
 
 @dataclass(frozen=True)
@@ -111,21 +114,35 @@ class Grid:
 
 
 @dataclass(frozen=True)
+class Part:
+    """A part of a building at one roof level; most buildings have one part."""
+
+    rings: Sequence[Sequence[Sequence[float]]]
+    """Footprint of the part, easting and northing in metres: the exterior, then holes."""
+    height_m: float | None
+    """Metres above the ground of the building; ``None`` if no view shows it."""
+    sigma_m: float | None
+    """One standard deviation, where it can be estimated."""
+    roof: Mapping[str, Any] | None
+    """The roof that the depths support."""
+    score: float | None
+    """How well the depths agree with the height, −1 (opposite) to 1."""
+
+
+@dataclass(frozen=True)
 class Height:
     """The height of one building."""
 
     height_m: float | None
-    """Metres above its ground; ``None`` if no view says anything."""
+    """Metres above its ground, mean over the area of its parts; ``None`` if no view shows it."""
     sigma_m: float | None
     """One standard deviation, where it can be estimated."""
     reasons: tuple[str, ...]
     """Why it is doubtful or unknown: ``seen_by_no_view``, ``too_few_views``, ``range_bound``, …."""
     views: tuple[int, ...]
-    """Positions of the views that had a say."""
-    roof: Mapping[str, Any] | None
-    """The roof that the depths support."""
-    score: float | None
-    """How well the depths agree with the height, −1 (opposite) to 1."""
+    """Positions of the views used."""
+    parts: tuple[Part, ...]
+    """The building in parts, where its roof has several levels; one part otherwise."""
 
 
 def estimate_heights(
@@ -145,7 +162,7 @@ def estimate_heights(
         views: Photos with poses and depths. Heights are measured in oblique ones.
         ground_m: Ground level, one for all or one per footprint, metres in the map's vertical datum.
         terrain: The ground's surface; by default level, at the median of ``ground_m``.
-        settings: Tables ``heights`` and ``optimise`` of a configuration, such as ``{"heights": {"max_m": 60}}``.
+        settings: Tables ``heights``, ``optimise`` and ``refinement`` of a configuration, such as ``{"heights": {"max_m": 60}}``.
         seed: Root of random choices: the same gives the same heights.
 
     Raises:
@@ -159,21 +176,27 @@ def estimate_heights(
         twice = sorted({name for name in names if names.count(name) > 1})
         raise InputError(f"views: {', '.join(twice)} more than once", "names of views are unique")
     depths = [_raster(view.depth, f"views[{i}] ({view.name!r}): depth") for i, view in enumerate(views)]
+    photos = [_raster(view.photo, f"views[{i}] ({view.name!r}): photo") for i, view in enumerate(views)]
     surface = None if terrain is None else _raster(terrain.heights_m, "terrain")
     tables = dict(settings or {})
     question = {
         "ground_m": [[z, z] for z in ground],
-        "views": [_view(view, i, depths[i]) for i, view in enumerate(views)],
+        "views": [_view(view, i, depths[i], photos[i]) for i, view in enumerate(views)],
         "level_m": sorted(ground)[len(ground) // 2] if ground else 0.0,
         "grid": None if terrain is None or surface is None else _grid(terrain, surface[0]),
         "heights": tables.pop("heights", {}),
         "optimise": tables.pop("optimise", {}),
+        "refinement": tables.pop("refinement", {}),
         "seed": seed,
     }
     if tables:
-        raise ConfigurationError(f"settings: unknown {', '.join(map(repr, tables))}", "tables are heights and optimise")
+        raise ConfigurationError(f"settings: unknown {', '.join(map(repr, tables))}", "tables are heights, optimise and refinement")
     answer = _native.estimate_heights(
-        _json(question), rings, [depth and depth[1] for depth in depths], surface and surface[1]
+        _json(question),
+        rings,
+        [depth and depth[1] for depth in depths],
+        [photo and photo[1] for photo in photos],
+        surface and surface[1],
     )
     return [_height(height) for height in json.loads(answer)]
 
@@ -189,12 +212,13 @@ def _height(found: Mapping[str, Any]) -> Height:
         sigma_m=found["sigma_m"],
         reasons=tuple(found["reasons"]),
         views=tuple(found["views"]),
-        roof=found["roof"],
-        score=found["score"],
+        parts=tuple(
+            Part(part["rings"], part["height_m"], part["sigma_m"], part["roof"], part["score"]) for part in found["parts"]
+        ),
     )
 
 
-def _view(view: View, i: int, depth: _Raster | None) -> dict[str, Any]:
+def _view(view: View, i: int, depth: _Raster | None, photo: _Raster | None) -> dict[str, Any]:
     where = f"views[{i}] ({view.name!r}): camera_from_map"
     for field, found, known in (("kind", view.kind, KINDS), ("geometry", view.geometry, GEOMETRIES)):
         if found not in known:
@@ -210,6 +234,7 @@ def _view(view: View, i: int, depth: _Raster | None) -> dict[str, Any]:
         "kind": view.kind,
         "geometry": view.geometry,
         "shape": None if depth is None else depth[0],
+        "photo_shape": None if photo is None else photo[0],
     }
 
 

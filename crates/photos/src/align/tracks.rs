@@ -9,9 +9,10 @@ use super::AlignConfig;
 use super::bundle::{Sighting, Sigmas, Station, Track};
 use super::matching::{PhotoPair, PosedImage, Where};
 use super::patches::{corner_near, corners};
-use crate::prior::{Album, Picture, PriorError};
+use crate::prior::{Album, PriorError};
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::camera::Camera;
+use sizeup_heights::picture::Picture;
 use sizeup_survey::View;
 
 /// Fewest photos that show a point: with two, a wrong match along the line of heights looks like a right one.

@@ -25,9 +25,10 @@ use serde::{Deserialize, Serialize};
 
 pub use self::surface::ground_level;
 use self::trend::GroundTrend;
-use crate::photo_consistency::{FLATTEST, choose};
-use crate::prior::{Album, Picture, PriorError};
+use crate::prior::{Album, PriorError};
 use sizeup_geo::terrain::{Dem, DemError, MapBox, Terrain};
+use sizeup_heights::photo_consistency::{FLATTEST, choose};
+use sizeup_heights::picture::{Picture, PosedCamera};
 use sizeup_survey::{View, Viewpoints};
 
 /// How the ground is found.
@@ -259,6 +260,7 @@ pub fn off_by(
 ) -> Result<(Vec<GroundSquare>, f64), DtmError> {
     check(config)?;
     let with_photo: Vec<&View> = views.iter().filter(|view| view.image.is_some()).collect();
+    let cameras: Vec<PosedCamera> = with_photo.iter().map(|view| view.posed()).collect();
     let places: Vec<DVec3> = places(area, footprints, config)
         .into_iter()
         .filter_map(|at| Some(at.extend(rough.height_at(at.x, at.y)?)))
@@ -268,7 +270,7 @@ pub fn off_by(
     // A square with its position among the places, searched around a level above the rough terrain.
     let look = |i: usize, level_m: f64, within_m: f64| {
         let near = places[i] + level_m * DVec3::Z;
-        let chosen = choose(&with_photo, near, config.n_views, FLATTEST, |_| true);
+        let chosen = choose(&cameras, near, config.n_views, FLATTEST, |_| true);
         let seen_in: Vec<_> = chosen.iter().map(|&view| album.picture(with_photo[view])).collect::<Result<_, _>>()?;
         let seen_in: Vec<&Picture> = seen_in.iter().map(|picture: &Arc<Picture>| &**picture).collect();
         let outcome = patch::height(&seen_in, near, within_m, config);

@@ -3,8 +3,8 @@
 use glam::{DVec2, DVec3};
 
 use super::{DtmConfig, SquareOutcome};
-use crate::photo_consistency::{PhotoConsistency, ground_sample_m};
-use crate::prior::Picture;
+use sizeup_heights::photo_consistency::{PhotoConsistency, ground_sample_m};
+use sizeup_heights::picture::Picture;
 
 /// Samples along a side of the square.
 const SAMPLES: std::ops::RangeInclusive<f64> = 8.0..=20.0;

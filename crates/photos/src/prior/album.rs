@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use super::PriorError;
-use super::stereo::Picture;
+use super::stereo::load_picture;
 use sizeup_geo::kept::Kept;
 use sizeup_heights::ids::ViewId;
+use sizeup_heights::picture::Picture;
 use sizeup_survey::View;
 
 /// The pictures used last, at one size.
@@ -35,6 +36,6 @@ impl Album {
     /// # Errors
     /// [`PriorError`]: a photo that is not there or cannot be read.
     pub fn picture(&self, view: &View) -> Result<Arc<Picture>, PriorError> {
-        self.pictures.get(&view.id, || Picture::load(view, self.long_side_px))
+        self.pictures.get(&view.id, || load_picture(view, self.long_side_px))
     }
 }

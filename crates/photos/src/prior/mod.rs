@@ -25,7 +25,6 @@ pub use files::{DepthUnit, FilePriorConfig, FilePriors};
 pub(crate) use neighbours::Neighbours;
 pub use network::{NetworkConfig, NetworkPriors};
 pub use source::{PriorConfig, Priors};
-pub use stereo::Picture;
 pub use stereo::{StereoConfig, StereoPriors};
 
 pub use sizeup_heights::prior::{DepthPrior, PriorGeometry, PriorKind};

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
 use super::levels::Levels;
-use super::picture::{Ideal, Picture};
+use sizeup_heights::picture::{Picture, PosedCamera};
 use super::sweep::{homography, position};
 use sizeup_heights::frames::Rigid;
 use sizeup_heights::raster::Raster;
@@ -51,7 +51,7 @@ const BETTER: f64 = 0.8;
 #[derive(Debug, Clone)]
 pub(super) struct Alignment {
     /// The neighbours as they fit, in their order.
-    pub neighbours: Vec<Ideal>,
+    pub neighbours: Vec<PosedCamera>,
     /// Median distance of patches from where the poses put them, pixels, before and after; `None` for too few patches.
     pub misfit_px: Option<[f64; 2]>,
 }
@@ -67,7 +67,7 @@ impl Alignment {
 pub(super) fn align(view: &Picture, others: &[Arc<Picture>], levels: &Levels) -> Alignment {
     let pyramid = Pyramid::of(view);
     let patches = pyramid.patches();
-    let mut fit = TurnFit::new(view.ideal(), others, patches.len());
+    let mut fit = TurnFit::new(view.posed(), others, patches.len());
     for (j, other) in others.iter().enumerate() {
         let there = Pyramid::of(other);
         for (i, patch) in patches.iter().enumerate() {
@@ -135,7 +135,7 @@ fn corner(grey: &Raster<f32>, x: i32, y: i32) -> f32 {
 
 /// A patch in a neighbour: its height by that pair alone, and where it is, pixels.
 fn find(here: &Pyramid<'_>, there: &Pyramid<'_>, patch: DVec2, levels: &Levels) -> Option<(f64, DVec2)> {
-    let line = EpipolarLine::of(here.picture.ideal(), there.picture.ideal(), patch, levels)?;
+    let line = EpipolarLine::of(here.picture.posed(), there.picture.posed(), patch, levels)?;
     let search =
         |halvings: u32| Some(PatchSearch { template: Template::of(here.grey(halvings), patch, halvings)?, there });
     let mut step_px = f64::from(1 << COARSEST);
@@ -163,7 +163,7 @@ fn find(here: &Pyramid<'_>, there: &Pyramid<'_>, patch: DVec2, levels: &Levels) 
 
 /// Line on which a neighbour shows a place of the view by its height.
 struct EpipolarLine<'a> {
-    ideals: [&'a Ideal; 2],
+    ideals: [&'a PosedCamera; 2],
     patch: DVec2,
     levels: &'a Levels,
     length_px: f64,
@@ -178,7 +178,7 @@ struct OnLine {
 }
 
 impl<'a> EpipolarLine<'a> {
-    fn of(here: &'a Ideal, there: &'a Ideal, patch: DVec2, levels: &'a Levels) -> Option<Self> {
+    fn of(here: &'a PosedCamera, there: &'a PosedCamera, patch: DVec2, levels: &'a Levels) -> Option<Self> {
         let mut line = Self { ideals: [here, there], patch, levels, length_px: 1.0, across: DVec2::ZERO };
         let whole = line.place(levels.to_m)? - line.place(levels.from_m)?;
         line.length_px = whole.length();
@@ -295,16 +295,16 @@ struct SeenPatch {
 
 /// The turns to be found, and what they are found by.
 struct TurnFit<'a> {
-    view: &'a Ideal,
-    neighbours: Vec<Ideal>,
+    view: &'a PosedCamera,
+    neighbours: Vec<PosedCamera>,
     patches: Vec<Vec<SeenPatch>>,
     /// Height of each patch, by each neighbour that shows it.
     heights_m: Vec<Vec<f64>>,
 }
 
 impl<'a> TurnFit<'a> {
-    fn new(view: &'a Ideal, others: &[Arc<Picture>], n_patches: usize) -> Self {
-        let neighbours = others.iter().map(|other| other.ideal().clone()).collect();
+    fn new(view: &'a PosedCamera, others: &[Arc<Picture>], n_patches: usize) -> Self {
+        let neighbours = others.iter().map(|other| other.posed().clone()).collect();
         Self { view, neighbours, patches: vec![Vec::new(); n_patches], heights_m: vec![Vec::new(); n_patches] }
     }
 
@@ -407,7 +407,7 @@ impl<'a> TurnFit<'a> {
             *z += pull - mixed.iter().zip(&turn).map(|(m, t)| m * t).sum::<f64>();
         }
         for (neighbour, turn) in self.neighbours.iter_mut().zip(turn.chunks_exact(3)) {
-            neighbour.turn(DVec3::new(turn[0], turn[1], turn[2]));
+            turn_camera(neighbour, DVec3::new(turn[0], turn[1], turn[2]));
         }
     }
 }
@@ -418,13 +418,11 @@ enum Turns {
     Free,
 }
 
-impl Ideal {
-    /// Turned about its centre by a vector in its own frame, radians.
-    fn turn(&mut self, by: DVec3) {
-        let pose = &self.camera_from_map;
-        let turned = DMat3::from_quat(glam::DQuat::from_scaled_axis(by)) * pose.rotation;
-        self.camera_from_map = Rigid::from_rotation_and_centre(turned, pose.centre());
-    }
+/// Turns a camera about its centre by a vector in its own frame, radians.
+fn turn_camera(posed: &mut PosedCamera, by: DVec3) {
+    let pose = &posed.camera_from_map;
+    let turned = DMat3::from_quat(glam::DQuat::from_scaled_axis(by)) * pose.rotation;
+    posed.camera_from_map = Rigid::from_rotation_and_centre(turned, pose.centre());
 }
 
 /// Solves a symmetric positive definite system by Cholesky's factors.

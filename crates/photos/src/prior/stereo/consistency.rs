@@ -13,7 +13,7 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 
 use super::levels::Levels;
-use super::picture::Ideal;
+use sizeup_heights::picture::PosedCamera;
 use sizeup_heights::raster::Raster;
 use sizeup_heights::stats::median;
 
@@ -21,7 +21,7 @@ use sizeup_heights::stats::median;
 #[derive(Debug)]
 pub(super) struct MatchedSurface {
     /// Camera and pose of the map.
-    pub ideal: Ideal,
+    pub ideal: PosedCamera,
     /// Heights, metres; `NaN` where it has none.
     pub heights_m: Raster<f32>,
     /// The planes that they were chosen from: from one to the next is a pixel of parallax, more or less.
@@ -138,7 +138,7 @@ mod tests {
     fn flat(east_m: f64, spot: Option<(usize, f32)>) -> MatchedSurface {
         let rotation = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
         let centre = DVec3::new(east_m, 0.0, 100.0);
-        let ideal = Ideal {
+        let ideal = PosedCamera {
             camera: Camera::pinhole(40, 20, 100.0),
             camera_from_map: Rigid::from_rotation_and_centre(rotation, centre),
         };

@@ -14,7 +14,7 @@ use glam::{DMat3, DVec2};
 use serde::Serialize;
 
 use super::StereoConfig;
-use super::picture::Ideal;
+use sizeup_heights::picture::PosedCamera;
 use super::sweep::{homography, position};
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::raster::Raster;
@@ -48,7 +48,7 @@ pub(super) struct Levels {
 impl Levels {
     /// The planes of a view, `None` if it has no ground in sight. Their ends are whole metres: a part of a terrain model
     /// gives the same ones as the whole, most of the time.
-    pub(super) fn of(reference: &Ideal, others: &[Ideal], terrain: &Terrain, config: &StereoConfig) -> Option<Self> {
+    pub(super) fn of(reference: &PosedCamera, others: &[PosedCamera], terrain: &Terrain, config: &StereoConfig) -> Option<Self> {
         let (lowest, highest) = ground_in_sight(reference, terrain)?;
         let camera_z_m = reference.camera_from_map.centre().z;
         let from_m = (lowest - config.below_ground_m).floor();
@@ -58,7 +58,7 @@ impl Levels {
     }
 
     /// As many as it takes for no neighbour to move by more than a fraction of a pixel from one to the next.
-    fn between(from_m: f64, to_m: f64, reference: &Ideal, others: &[Ideal], max_levels: usize) -> Self {
+    fn between(from_m: f64, to_m: f64, reference: &PosedCamera, others: &[PosedCamera], max_levels: usize) -> Self {
         let few = Self { camera_z_m: reference.camera_from_map.centre().z, from_m, to_m, n: N_PROBES };
         let longest_px = others.iter().map(|other| few.longest_step_px(reference, other)).fold(0.0, f64::max);
         let n = (longest_px * (N_PROBES - 1) as f64 / STEP_PX).ceil() as usize + 1;
@@ -66,8 +66,8 @@ impl Levels {
     }
 
     /// Longest move of a pixel of the view in a neighbour from one level to the next, while it sees it.
-    fn longest_step_px(&self, reference: &Ideal, other: &Ideal) -> f64 {
-        let size = |ideal: &Ideal| DVec2::new(f64::from(ideal.camera.width_px), f64::from(ideal.camera.height_px));
+    fn longest_step_px(&self, reference: &PosedCamera, other: &PosedCamera) -> f64 {
+        let size = |ideal: &PosedCamera| DVec2::new(f64::from(ideal.camera.width_px), f64::from(ideal.camera.height_px));
         let homographies: Vec<DMat3> =
             (0..self.n).map(|level| homography(reference, other, self.height_m(level as f64))).collect();
         let of_pixel = |i: usize| {
@@ -88,8 +88,8 @@ impl Levels {
         &self,
         found_m: &Raster<f32>,
         above_share: f64,
-        reference: &Ideal,
-        others: &[Ideal],
+        reference: &PosedCamera,
+        others: &[PosedCamera],
         config: &StereoConfig,
     ) -> Self {
         let found = found_m.data().iter().filter(|z| !z.is_nan()).map(|z| f64::from(*z));
@@ -146,7 +146,7 @@ impl Levels {
 }
 
 /// Lowest and highest ground where the view looks; the whole terrain's where it says nothing there.
-fn ground_in_sight(reference: &Ideal, terrain: &Terrain) -> Option<(f64, f64)> {
+fn ground_in_sight(reference: &PosedCamera, terrain: &Terrain) -> Option<(f64, f64)> {
     const SIDE: u32 = 16;
     let (lowest, highest) = terrain.range()?;
     let pose = &reference.camera_from_map;
@@ -184,15 +184,15 @@ mod tests {
     use sizeup_heights::frames::Rigid;
 
     /// Straight down from 100 m, so far east; 400 × 300 pixels, 300 of them to a metre at a metre.
-    fn above(east_m: f64) -> Ideal {
+    fn above(east_m: f64) -> PosedCamera {
         let rotation = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
-        Ideal {
+        PosedCamera {
             camera: Camera::pinhole(400, 300, 300.0),
             camera_from_map: Rigid::from_rotation_and_centre(rotation, DVec3::new(east_m, 0.0, 100.0)),
         }
     }
 
-    fn levels(other: &Ideal, max_height_m: f64) -> Levels {
+    fn levels(other: &PosedCamera, max_height_m: f64) -> Levels {
         let config = StereoConfig { max_height_m, max_levels: 255, ..StereoConfig::default() };
         Levels::of(&above(0.0), std::slice::from_ref(other), &Terrain::Constant(0.0), &config).unwrap()
     }

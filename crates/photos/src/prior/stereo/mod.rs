@@ -25,7 +25,7 @@ mod slanted;
 mod speckles;
 mod sweep;
 
-pub use self::picture::Picture;
+pub(crate) use self::picture::load_picture;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Once};
@@ -37,7 +37,7 @@ use serde::{Deserialize, Serialize};
 use self::alignment::Alignment;
 use self::consistency::MatchedSurface;
 use self::levels::Levels;
-use self::picture::Ideal;
+use self::picture::ideal_camera;
 use self::slanted::Slopes;
 use self::sweep::{Coarse, Sweep, Unseen};
 use super::album::Album;
@@ -46,6 +46,7 @@ use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeome
 use sizeup_geo::kept::Kept;
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::ViewId;
+use sizeup_heights::picture::{Picture, PosedCamera};
 use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
 
@@ -207,8 +208,8 @@ impl StereoPriors {
         if others.is_empty() {
             return refuse("no other photo sees the same ground under a fair angle", "photos have to overlap");
         }
-        let ideal = |view: &View| Ideal::of(view, self.config.long_side_px);
-        let ideals: Vec<Ideal> = others.iter().map(|other| ideal(other)).collect();
+        let ideal = |view: &View| ideal_camera(view, self.config.long_side_px);
+        let ideals: Vec<PosedCamera> = others.iter().map(|other| ideal(other)).collect();
         let levels = self.levels(&ideal(view), &ideals).ok_or_else(|| refuse_sky(view))?;
         Ok(StereoPlan { others, levels })
     }
@@ -230,8 +231,8 @@ impl StereoPriors {
         let others = plan.others.iter().map(|other| self.pictures.picture(other)).collect::<Result<Vec<_>, _>>()?;
         let half = reference.half();
         let halves: Vec<Arc<Picture>> = others.iter().map(|other| Arc::new(other.half())).collect();
-        let stated: Vec<Ideal> = halves.iter().map(|other| other.ideal().clone()).collect();
-        let levels = self.levels(half.ideal(), &stated).ok_or_else(|| refuse_sky(view))?;
+        let stated: Vec<PosedCamera> = halves.iter().map(|other| other.posed().clone()).collect();
+        let levels = self.levels(half.posed(), &stated).ok_or_else(|| refuse_sky(view))?;
         let levels = self.with_surfaces(&levels, &half, &halves);
         let aligned = alignment::align(&half, &halves, &levels);
         let is_turned = aligned.is_better();
@@ -249,8 +250,8 @@ impl StereoPriors {
         };
         let coarse = self.choose(&sweep);
 
-        let ideals: Vec<Ideal> = others.iter().zip(&ideals).map(|(other, at)| other.ideal().posed_as(at)).collect();
-        let fine = plan.levels.around(&coarse, 0.0, reference.ideal(), &ideals, &self.config);
+        let ideals: Vec<PosedCamera> = others.iter().zip(&ideals).map(|(other, at)| other.posed().posed_as(at)).collect();
+        let fine = plan.levels.around(&coarse, 0.0, reference.posed(), &ideals, &self.config);
         let coarse = Some(Coarse { heights_m: &coarse, levels: &levels });
         let sweep = Sweep {
             reference: &reference,
@@ -270,7 +271,7 @@ impl StereoPriors {
             min_score: self.config.min_score,
         };
         let heights_m = self.without_speckles(slopes.find(&heights_m), &fine);
-        Ok(MatchedSurface { ideal: reference.ideal().clone(), heights_m, levels: fine, is_turned })
+        Ok(MatchedSurface { ideal: reference.posed().clone(), heights_m, levels: fine, is_turned })
     }
 
     /// The levels between which pictures of half the size show surfaces. They do not have to be precise for that, and poses
@@ -281,8 +282,8 @@ impl StereoPriors {
             return *levels;
         }
         let halves: Vec<Arc<Picture>> = others.iter().map(|other| Arc::new(other.half())).collect();
-        let ideals = |pictures: &[Arc<Picture>]| -> Vec<Ideal> { pictures.iter().map(|p| p.ideal().clone()).collect() };
-        let Some(all) = self.levels(half.ideal(), &ideals(&halves)) else { return *levels };
+        let ideals = |pictures: &[Arc<Picture>]| -> Vec<PosedCamera> { pictures.iter().map(|p| p.posed().clone()).collect() };
+        let Some(all) = self.levels(half.posed(), &ideals(&halves)) else { return *levels };
         let ideals_there = ideals(&halves);
         let sweep = Sweep {
             reference: &half,
@@ -294,7 +295,7 @@ impl StereoPriors {
         };
         let mut found_m = self.choose(&sweep);
         speckles::leave_out(&mut found_m, &all, SURE_WINDOWS * self.config.window_px * self.config.window_px);
-        levels.around(&found_m, TALLER_SHARE, view.ideal(), &ideals(others), &self.config)
+        levels.around(&found_m, TALLER_SHARE, view.posed(), &ideals(others), &self.config)
     }
 
     /// Once: the photos of a flight are in the same case.
@@ -314,7 +315,7 @@ impl StereoPriors {
         });
     }
 
-    fn levels(&self, view: &Ideal, others: &[Ideal]) -> Option<Levels> {
+    fn levels(&self, view: &PosedCamera, others: &[PosedCamera]) -> Option<Levels> {
         Levels::of(view, others, &self.terrain, &self.config)
     }
 
@@ -383,7 +384,7 @@ impl StereoPriors {
 
 /// From heights in the distortion-free picture to z-depths on the photo's own pixel grid. The lens moves a pixel; it
 /// does not change its depth.
-fn in_photo(reference: &Ideal, view: &View, heights_m: &Raster<f32>) -> Raster<f32> {
+fn in_photo(reference: &PosedCamera, view: &View, heights_m: &Raster<f32>) -> Raster<f32> {
     let (width, height) = (heights_m.width(), heights_m.height());
     let camera = view.camera.resized(width as u32, height as u32);
     let to_map = view.camera_from_map.rotation.transpose();

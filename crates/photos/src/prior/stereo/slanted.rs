@@ -26,7 +26,7 @@ use glam::{DMat3, DVec2, DVec3, Mat3, Vec3};
 
 use super::correlate::{LEAST_VARIANCE, NeighbourImage};
 use super::levels::Levels;
-use super::picture::{Ideal, Picture};
+use sizeup_heights::picture::{Picture, PosedCamera};
 use sizeup_heights::raster::Raster;
 
 /// Samples along a side of the window.
@@ -218,7 +218,7 @@ struct ViewFrame {
 }
 
 impl ViewFrame {
-    fn of(ideal: &Ideal) -> Self {
+    fn of(ideal: &PosedCamera) -> Self {
         let pose = &ideal.camera_from_map;
         let map_from_pixel = pose.rotation.transpose() * ideal.calibration().inverse();
         let normal_from_plane = (ideal.calibration() * pose.rotation).transpose();
@@ -260,7 +260,7 @@ fn chance(seed: [usize; 3], k: u64) -> f64 {
 pub(super) struct Slopes<'a> {
     pub reference: &'a Picture,
     pub others: &'a [Arc<Picture>],
-    pub ideals: &'a [Ideal],
+    pub ideals: &'a [PosedCamera],
     pub levels: &'a Levels,
     /// Radius of the comparison window, pixels.
     pub radius_px: usize,
@@ -273,9 +273,9 @@ impl Slopes<'_> {
     pub(super) fn find(&self, heights_m: &Raster<f32>) -> Raster<f32> {
         let neighbours: Vec<NeighbourImage> =
             self.others.iter().map(|other| NeighbourImage::new(other.grey())).collect();
-        let here = self.reference.ideal();
+        let here = self.reference.posed();
         let frame = ViewFrame::of(here);
-        let way = |(neighbour, there): (_, &Ideal)| {
+        let way = |(neighbour, there): (_, &PosedCamera)| {
             let pixel_from_map = there.calibration() * there.camera_from_map.rotation;
             let shift = here.camera_from_map.centre() - there.camera_from_map.centre();
             let (a, b) = (pixel_from_map * frame.map_from_pixel, pixel_from_map * shift);
@@ -429,12 +429,12 @@ mod tests {
     const SLOPE: DVec2 = DVec2::new(0.62, 0.48);
 
     /// From so far east, 60 m up, 30 degrees off nadir to the north: a pixel is half a metre or so.
-    fn camera(east_m: f64) -> Ideal {
+    fn camera(east_m: f64) -> PosedCamera {
         let (sin, cos) = 30.0_f64.to_radians().sin_cos();
         let rotation = DMat3::from_cols(DVec3::X, DVec3::new(0.0, -cos, -sin), DVec3::new(0.0, sin, -cos)).transpose();
         let centre = DVec3::new(east_m, -35.0, 60.0);
         let camera_from_map = Rigid::from_rotation_and_centre(rotation, centre);
-        Ideal { camera: Camera::pinhole(96, 72, 120.0), camera_from_map }
+        PosedCamera { camera: Camera::pinhole(96, 72, 120.0), camera_from_map }
     }
 
     fn roof_m(place: DVec2) -> f64 {
@@ -442,7 +442,7 @@ mod tests {
     }
 
     /// Point where a pixel's ray meets the roof.
-    fn place(ideal: &Ideal, pixel: DVec2) -> DVec3 {
+    fn place(ideal: &PosedCamera, pixel: DVec2) -> DVec3 {
         let frame = ViewFrame::of(ideal);
         let ray = frame.ray(pixel);
         let normal = DVec3::new(-SLOPE.x, -SLOPE.y, 1.0);
@@ -476,7 +476,7 @@ mod tests {
     #[test]
     fn a_neighbour_sees_a_plane_where_its_own_rays_meet_it() {
         let (here, there) = (camera(0.0), camera(14.0));
-        let paint = |ideal: &Ideal| Picture::painted(ideal.clone(), |pixel| tiles(place(ideal, pixel)));
+        let paint = |ideal: &PosedCamera| Picture::painted(ideal.clone(), |pixel| tiles(place(ideal, pixel)));
         let (reference, other) = (paint(&here), NeighbourImage::new(paint(&there).grey()));
         let frame = ViewFrame::of(&here);
         let pixel_from_map = there.calibration() * there.camera_from_map.rotation;
@@ -494,7 +494,7 @@ mod tests {
     #[test]
     fn a_roof_that_was_found_here_and_there_is_found_as_a_whole() {
         let [here, west, east] = [0.0, -14.0, 14.0].map(camera);
-        let paint = |ideal: &Ideal| Picture::painted(ideal.clone(), |pixel| tiles(place(ideal, pixel)));
+        let paint = |ideal: &PosedCamera| Picture::painted(ideal.clone(), |pixel| tiles(place(ideal, pixel)));
         let (reference, others) = (paint(&here), [Arc::new(paint(&west)), Arc::new(paint(&east))]);
         let ideals = [west, east];
         let levels = Levels::from_to(60.0, -15.0, 30.0);

@@ -14,7 +14,7 @@ use glam::{DMat3, DVec2};
 
 use super::correlate::{CorrelationTile, NeighbourImage, WORST, Windows};
 use super::levels::Levels;
-use super::picture::{Ideal, Picture};
+use sizeup_heights::picture::{Picture, PosedCamera};
 use sizeup_heights::raster::Raster;
 
 /// Rows and columns compared at a time: what is known of so many pixels stays in the processor's cache, and a tile of a
@@ -74,7 +74,7 @@ pub(super) struct Sweep<'a> {
     /// Pictures of the neighbours that it is compared with.
     pub others: &'a [Arc<Picture>],
     /// Cameras of these: their own poses, or corrected ones.
-    pub ideals: &'a [Ideal],
+    pub ideals: &'a [PosedCamera],
     /// Heights of the planes that are swept.
     pub levels: &'a Levels,
     /// Heights found at a coarser size; `None` at the first.
@@ -103,7 +103,7 @@ impl Sweep<'_> {
         let homographies: Vec<Vec<DMat3>> = (0..levels.n)
             .map(|level| {
                 let z_m = levels.height_m(level as f64);
-                self.ideals.iter().map(|ideal| homography(reference.ideal(), ideal, z_m)).collect()
+                self.ideals.iter().map(|ideal| homography(reference.posed(), ideal, z_m)).collect()
             })
             .collect();
         let mut costs = vec![WORST; width * height * levels.n];
@@ -141,7 +141,7 @@ impl Sweep<'_> {
     }
 }
 
-pub(super) fn homography(reference: &Ideal, other: &Ideal, z_m: f64) -> DMat3 {
+pub(super) fn homography(reference: &PosedCamera, other: &PosedCamera, z_m: f64) -> DMat3 {
     let (here, there) = (&reference.camera_from_map, &other.camera_from_map);
     let map_from_pixel = here.rotation.transpose() * reference.calibration().inverse();
     let pixel_from_map = other.calibration() * there.rotation;

@@ -5,8 +5,8 @@ use glam::Vec2;
 use rstar::primitives::{GeomWithData, Rectangle};
 use rstar::{AABB, RTree, RTreeObject as _};
 
-use sizeup_heights::optimise::{Reason, Solution, SolvedHeight};
-use sizeup_heights::scene::{Prism, Scene};
+use crate::optimise::{Reason, Solution, SolvedHeight};
+use crate::scene::{Prism, Scene};
 
 /// A footprint is small where it has less than this: pixels of the working images on the ground, and m².
 const SMALL_PX: f64 = 120.0;
@@ -26,7 +26,7 @@ const TOWERING: f64 = 2.5;
 
 /// Marks small footprints as high as a larger roof that they touch, and those much higher than wide. Photos that refined a height
 /// have seen a roof there.
-pub(super) fn mark_small(scene: &Scene, solution: &mut Solution) {
+pub fn mark_small(scene: &Scene, solution: &mut Solution) {
     let boxes = scene.prisms.iter().enumerate().map(|(b, prism)| GeomWithData::new(box_of(prism, 0.0), b));
     let tree = RTree::bulk_load(boxes.collect());
     let is_taken = |b: usize, solved: &SolvedHeight| -> Option<bool> {
@@ -91,9 +91,9 @@ mod tests {
     use geo_types::Polygon;
 
     use super::*;
-    use sizeup_geo::terrain::{GroundLevel, Terrain};
-    use sizeup_heights::optimise::Doubts;
-    use sizeup_heights::scene::HeightBounds;
+    use crate::terrain::{GroundLevel, Terrain};
+    use crate::optimise::Doubts;
+    use crate::scene::HeightBounds;
 
     /// Whether a building of `2.5 × width_m`, `height_m` high, at the wall of a house of 10 m or so far from it, is doubtful.
     fn is_doubtful(width_m: f64, height_m: f64, gap_m: f64, pixel_m: f64, raised_m: Option<f64>) -> bool {

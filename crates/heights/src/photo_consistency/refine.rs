@@ -5,8 +5,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{PhotoConsistency, ground_sample_m};
-use crate::prior::Picture;
-use sizeup_heights::stats::jackknife_sigma;
+use crate::picture::Picture;
+use crate::stats::jackknife_sigma;
 
 /// Fewer places on a roof cannot be compared.
 pub const MIN_PLACES: usize = 40;
@@ -125,8 +125,8 @@ pub fn elsewhere_share(pictures: &[&Picture], surface: &[DVec3], refined: &Refin
 
 #[cfg(test)]
 mod tests {
-    use sizeup_heights::camera::Camera;
-    use sizeup_heights::frames::Rigid;
+    use crate::camera::Camera;
+    use crate::frames::Rigid;
 
     use super::*;
 

@@ -5,7 +5,7 @@
 use glam::DVec3;
 
 use super::{ProjectedSurface, SAME_M, SAME_PX, better_pairs, correlation, ground_sample_m, normalise, telling_pairs};
-use crate::prior::Picture;
+use crate::picture::Picture;
 
 /// Move of photos against each other from one height to the next, pixels.
 const STEP_PX: f64 = 0.75;
@@ -87,7 +87,7 @@ fn windows(surface: &[DVec3]) -> Vec<Vec<usize>> {
     };
     let asked = || surface.iter().step_by(EVERY);
     let spacings: Vec<f64> = asked().take(20).map(nearest).collect();
-    let spacing_m = sizeup_heights::stats::median(&spacings).unwrap_or(0.0);
+    let spacing_m = crate::stats::median(&spacings).unwrap_or(0.0);
     let radius_m = AROUND_M.max(AROUND_SPACINGS * spacing_m);
     let around = |p: &DVec3| {
         let is_near = |j: &usize| (surface[*j] - *p).truncate().length_squared() <= radius_m * radius_m;
@@ -98,8 +98,8 @@ fn windows(surface: &[DVec3]) -> Vec<Vec<usize>> {
 
 #[cfg(test)]
 mod tests {
-    use sizeup_heights::camera::Camera;
-    use sizeup_heights::frames::Rigid;
+    use crate::camera::Camera;
+    use crate::frames::Rigid;
 
     use super::*;
 

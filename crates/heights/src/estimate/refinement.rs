@@ -17,22 +17,17 @@ use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
-use super::ground_told;
-use super::stages::SceneStage;
-use crate::config::RunConfig;
-use sizeup_heights::optimise::{self, Doubts, Preset, Roof, Solution, SolvedHeight};
-use sizeup_heights::ray::Ray;
-use sizeup_heights::render::image::SceneTracer;
-use sizeup_heights::scene::{Prism, RoofForm, Scene};
-use sizeup_heights::stats;
-use sizeup_photos::photo_consistency::{
+use super::task::{NamedCamera, Photos};
+use crate::optimise::{self, Doubts, Roof, Solution, SolvedHeight};
+use crate::photo_consistency::{
     self, FLATTEST, FLATTEST_OF_FEW, MIN_PHOTOS, MIN_PLACES, PhotoAgreement, Refined, RefinementConfig,
 };
-use sizeup_photos::prior::{Album, Picture};
-use sizeup_survey::{Survey, View, ViewKind};
+use crate::picture::{Picture, PosedCamera};
+use crate::ray::Ray;
+use crate::render::image::SceneTracer;
+use crate::scene::{HeightReference, Prism, RoofForm, Scene};
+use crate::stats;
 
-/// Memory for reduced photos.
-const PICTURE_BYTES: usize = 512 << 20;
 /// Buildings that are looked at together, neighbours, so that they share photos.
 const N_TOGETHER: usize = 32;
 /// Buildings of a square of this side are neighbours, metres.
@@ -79,70 +74,58 @@ const MIN_SAME_OF_STEPPED: f64 = 0.95;
 /// How much more alike the photos have to look on another form of roof than on the one that the priors show.
 const OTHER_FORM_SCORE: f64 = 0.02;
 
-/// Whether photos, where there are any, refine roofs.
-pub(super) fn is_on(config: &RunConfig) -> bool {
-    config.refinement.enabled.unwrap_or(config.optimise.preset != Preset::Paper)
+/// Refinement of the roofs of a scene.
+pub(super) struct Refinement<'a> {
+    pub scene: &'a Scene,
+    pub settings: &'a RefinementConfig,
+    /// Which of a roof's heights is stated.
+    pub reference: HeightReference,
+    /// Offset that the photos were moved by, map frame, metres.
+    pub moved_m: DVec3,
 }
 
-/// Whether the photo of a view, of whatever kind, is asked about roofs.
-fn asks_photo(config: &RunConfig, view: &View) -> bool {
-    is_on(config) && view.image.is_some()
-}
-
-/// Whether the photo of a view, of whatever kind, is read while heights are found: for the roofs, for what is green, or for the ground.
-#[must_use]
-pub fn reads_photo(config: &RunConfig, view: &View) -> bool {
-    let is_looked_at = config.optimise.leaves_out_vegetation() && view.kind() == ViewKind::Oblique;
-    asks_photo(config, view) || ((is_looked_at || ground_told::asks(config)) && view.image.is_some())
-}
-
-/// Memory that photos take at most where there are so many, bytes: those of roofs, then those of the ground.
-#[must_use]
-pub fn photo_bytes(config: &RunConfig, n_photos: usize) -> usize {
-    let of_roofs = n_photos.saturating_mul(Album::bytes_of_one(config.refinement.long_side_px));
-    PICTURE_BYTES.min(of_roofs).max(ground_told::photo_bytes(n_photos))
-}
-
-/// Raises and lowers the roofs of a solution to where the photos look alike. Returns the views whose photo cannot be read, and
-/// why.
-pub(super) fn refine(
-    config: &RunConfig,
-    survey: &Survey,
-    stage: &SceneStage,
-    solution: &mut Solution,
-) -> Vec<(usize, String)> {
-    let settings = &config.refinement;
-    let views: Vec<usize> = (0..survey.views.len()).filter(|&v| asks_photo(config, &survey.views[v])).collect();
-    let photos: Vec<&View> = views.iter().map(|&v| &survey.views[v]).collect();
-    if photos.len() < MIN_PHOTOS {
-        return Vec::new();
-    }
-    let roof_m = |solved: &SolvedHeight| solved.roof.map_or(0.0, |roof| roof.mean_m as f32);
-    let heights_m: Vec<f32> = solution.heights.iter().map(roof_m).collect();
-    let tracer = SceneTracer::new(&stage.scene, &heights_m);
-    let album = Album::new(settings.long_side_px, PICTURE_BYTES);
-    let unread = Mutex::default();
-    let roofs = Roofs { stage, settings, photos: &photos, tracer: &tracer, album: &album, unread: &unread };
-    let mut found = vec![None; heights_m.len()];
-    for together in roofs.by_square().chunks(N_TOGETHER) {
-        let refine = |&b: &usize| (b, roofs.refine(b, solution.heights[b].roof.as_ref()));
-        for (b, refined) in together.par_iter().map(refine).collect::<Vec<_>>() {
-            found[b] = refined;
+impl Refinement<'_> {
+    /// Raises and lowers the roofs of a solution to where the photos look alike. Returns the photos that cannot be read, and why.
+    pub fn run(&self, views: &[NamedCamera], photos: &dyn Photos, solution: &mut Solution) -> Vec<(usize, String)> {
+        let &Self { scene, settings, reference, moved_m } = self;
+        let with_photo: Vec<usize> = (0..views.len()).filter(|&view| photos.has(view)).collect();
+        if with_photo.len() < MIN_PHOTOS {
+            return Vec::new();
         }
-    }
-    let spreads_m = spreads_m(&stage.scene, &found);
-    for ((solved, found), around_m) in solution.heights.iter_mut().zip(found).zip(spreads_m) {
-        // Where no roof around is one on which the photos agree, they have shown nothing of their poses.
-        let Some((found, around_m)) = found.zip(around_m) else { continue };
-        let (bounds, reference) = (stage.scene.bounds, config.optimise.height_reference);
-        if let Some((roof, sigma_m)) = believed(solved, &found, around_m, settings) {
-            solved.refine(roof, bounds, reference, sigma_m);
-        } else if let Some((roof, sigma_m)) = weighed(solved, &found, around_m, settings) {
-            solved.lean(roof, bounds, reference, sigma_m);
+        let posed = |&view: &usize| {
+            let PosedCamera { camera, camera_from_map } = views[view].posed.clone();
+            PosedCamera { camera, camera_from_map: camera_from_map.moved(moved_m) }
+        };
+        let cameras: Vec<PosedCamera> = with_photo.iter().map(posed).collect();
+        let roof_m = |solved: &SolvedHeight| solved.roof.map_or(0.0, |roof| roof.mean_m as f32);
+        let heights_m: Vec<f32> = solution.heights.iter().map(roof_m).collect();
+        let tracer = SceneTracer::new(scene, &heights_m);
+        let unread = Mutex::default();
+        let picture = |photo: usize| {
+            let read = photos.picture(with_photo[photo]);
+            read.map(|picture| if moved_m == DVec3::ZERO { picture } else { Arc::new(picture.moved(moved_m)) })
+        };
+        let roofs = Roofs { scene, settings, cameras: &cameras, tracer: &tracer, picture: &picture, unread: &unread };
+        let mut found = vec![None; heights_m.len()];
+        for together in roofs.by_square().chunks(N_TOGETHER) {
+            let refine = |&b: &usize| (b, roofs.refine(b, solution.heights[b].roof.as_ref()));
+            for (b, refined) in together.par_iter().map(refine).collect::<Vec<_>>() {
+                found[b] = refined;
+            }
         }
+        let spreads_m = spreads_m(scene, &found);
+        for ((solved, found), around_m) in solution.heights.iter_mut().zip(found).zip(spreads_m) {
+            // Where no roof around is one on which the photos agree, they have shown nothing of their poses.
+            let Some((found, around_m)) = found.zip(around_m) else { continue };
+            if let Some((roof, sigma_m)) = believed(solved, &found, around_m, settings) {
+                solved.refine(roof, scene.bounds, reference, sigma_m);
+            } else if let Some((roof, sigma_m)) = weighed(solved, &found, around_m, settings) {
+                solved.lean(roof, scene.bounds, reference, sigma_m);
+            }
+        }
+        let unread: BTreeMap<usize, String> = unread.into_inner().unwrap_or_else(PoisonError::into_inner);
+        unread.into_iter().map(|(photo, why)| (with_photo[photo], why)).collect()
     }
-    let unread: BTreeMap<usize, String> = unread.into_inner().unwrap_or_else(PoisonError::into_inner);
-    unread.into_iter().map(|(photo, why)| (views[photo], why)).collect()
 }
 
 /// The roof that the photos show and the standard deviation to state, metres, where they are clear, and more certain than the priors.
@@ -246,11 +229,13 @@ fn form_m(roofs: impl Iterator<Item = (f64, f64)>) -> f64 {
 
 /// Input of the look at roofs.
 struct Roofs<'a> {
-    stage: &'a SceneStage,
+    scene: &'a Scene,
     settings: &'a RefinementConfig,
-    photos: &'a [&'a View],
+    /// Cameras of the photos.
+    cameras: &'a [PosedCamera],
     tracer: &'a SceneTracer<'a>,
-    album: &'a Album,
+    /// Reads a photo, by its position among the cameras.
+    picture: &'a (dyn Fn(usize) -> Result<Arc<Picture>, String> + Sync),
     /// By photo: why it cannot be read.
     unread: &'a Mutex<BTreeMap<usize, String>>,
 }
@@ -259,17 +244,17 @@ impl Roofs<'_> {
     /// All buildings, neighbours together.
     fn by_square(&self) -> Vec<usize> {
         let square = |b: usize| {
-            let at = self.stage.scene.prisms[b].centre_at(0.0) / SQUARE_M;
+            let at = self.scene.prisms[b].centre_at(0.0) / SQUARE_M;
             (at.y.floor() as i32, at.x.floor() as i32)
         };
-        let mut order: Vec<usize> = (0..self.stage.scene.prisms.len()).collect();
+        let mut order: Vec<usize> = (0..self.scene.prisms.len()).collect();
         order.sort_by_key(|&b| square(b));
         order
     }
 
     /// The roof on which the photos look alike most, at the height where they do.
     fn refine(&self, building: usize, roof: Option<&Roof>) -> Option<FoundRoof> {
-        let (prism, settings, found) = (&self.stage.scene.prisms[building], self.settings, roof?);
+        let (prism, settings, found) = (&self.scene.prisms[building], self.settings, roof?);
         // A step takes places away: none has more than the flat one, which comes first.
         let mut candidates = optimise::candidates(prism, found, settings.clear_m as f32, settings.n_points);
         candidates.retain(|(_, places)| places.len() >= MIN_PLACES);
@@ -277,11 +262,11 @@ impl Roofs<'_> {
         let pictures = self.pictures(building, level)?;
         let pictures: Vec<&Picture> = pictures.iter().map(|picture| &**picture).collect();
         let refine = |(roof, places): &(Roof, Vec<Vec3>), every: usize| {
-            let in_map = places.iter().step_by(every).map(|p| p.as_dvec3() + self.stage.scene.origin.0);
+            let in_map = places.iter().step_by(every).map(|p| p.as_dvec3() + self.scene.origin.0);
             Some((*roof, photo_consistency::refine(&pictures, &in_map.collect::<Vec<_>>(), settings)?))
         };
         // Few places tell the better pitches of a form, all of them the form; of a few, what two photos share would be too few.
-        let shows = |picture: &Picture, place: &Vec3| picture.shows(place.as_dvec3() + self.stage.scene.origin.0);
+        let shows = |picture: &Picture, place: &Vec3| picture.shows(place.as_dvec3() + self.scene.origin.0);
         let is_whole = pictures.iter().all(|picture| level.iter().all(|place| shows(picture, place)));
         let every = if is_whole { THINNED } else { 1 };
         let coarse: Vec<Option<Refined>> =
@@ -330,7 +315,7 @@ impl Roofs<'_> {
     ) -> (PhotoAgreement, bool) {
         let settings = self.settings;
         let in_map = |raised_m: f64| -> Vec<DVec3> {
-            let origin = self.stage.scene.origin.0 + raised_m * DVec3::Z;
+            let origin = self.scene.origin.0 + raised_m * DVec3::Z;
             places.iter().map(|p| p.as_dvec3() + origin).collect()
         };
         let raised = in_map(refined.raised_m);
@@ -345,18 +330,18 @@ impl Roofs<'_> {
 
     /// The photos to compare on a roof: from all sides, those that nothing hides it from.
     fn pictures(&self, building: usize, level: &[Vec3]) -> Option<Vec<Arc<Picture>>> {
-        let middle = (level.iter().sum::<Vec3>() / level.len() as f32).as_dvec3() + self.stage.scene.origin.0;
-        let sees = |photo: usize| self.sees(self.photos[photo], building, level);
-        let choose = |flattest| photo_consistency::choose(self.photos, middle, self.settings.n_photos, flattest, sees);
+        let middle = (level.iter().sum::<Vec3>() / level.len() as f32).as_dvec3() + self.scene.origin.0;
+        let sees = |photo: usize| self.sees(&self.cameras[photo], building, level);
+        let choose = |flattest| photo_consistency::choose(self.cameras, middle, self.settings.n_photos, flattest, sees);
         let mut chosen = choose(FLATTEST);
         if chosen.len() < MIN_PHOTOS {
             chosen = choose(FLATTEST_OF_FEW);
         }
         // A photo that cannot be read is told of and left out: the others will do.
-        let read = |&photo: &usize| match self.album.picture(self.photos[photo]) {
+        let read = |&photo: &usize| match (self.picture)(photo) {
             Ok(picture) => Some(picture),
             Err(why) => {
-                self.unread.lock().unwrap_or_else(PoisonError::into_inner).insert(photo, why.to_string());
+                self.unread.lock().unwrap_or_else(PoisonError::into_inner).insert(photo, why);
                 None
             }
         };
@@ -365,9 +350,9 @@ impl Roofs<'_> {
     }
 
     /// Whether a photo shows a roof: half of it, and most of that with nothing before it.
-    fn sees(&self, photo: &View, building: usize, surface: &[Vec3]) -> bool {
-        let origin = self.stage.scene.origin.0;
-        let eye = (photo.centre() - origin).as_vec3();
+    fn sees(&self, photo: &PosedCamera, building: usize, surface: &[Vec3]) -> bool {
+        let origin = self.scene.origin.0;
+        let eye = (photo.camera_from_map.centre() - origin).as_vec3();
         let mut scratch = Vec::new();
         let (mut n_asked, mut n_shown, mut n_free) = (0.0, 0.0, 0.0);
         for &place in surface.iter().step_by(surface.len().div_ceil(N_ASKED)) {

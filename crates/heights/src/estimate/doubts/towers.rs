@@ -3,8 +3,8 @@
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
-use sizeup_heights::optimise::{Reason, Solution};
-use sizeup_heights::scene::{Prism, Scene};
+use crate::optimise::{Reason, Solution};
+use crate::scene::{Prism, Scene};
 
 /// Buildings within this are around, metres, between middles; of fewer nothing is said.
 const AROUND_M: f64 = 150.0;
@@ -14,7 +14,7 @@ const FAR_SHARE: f64 = 3.0;
 const FAR_M: f64 = 25.0;
 
 /// Marks heights that stand far above all around, unless the photos refined them: priors alone show no such thing reliably.
-pub(super) fn mark_towers(scene: &Scene, solution: &mut Solution) {
+pub fn mark_towers(scene: &Scene, solution: &mut Solution) {
     let middle = |prism: &Prism| prism.centre_at(0.0).truncate().as_dvec2().to_array();
     let known = scene.prisms.iter().zip(&solution.heights);
     let known: Vec<GeomWithData<[f64; 2], (usize, f64)>> = known
@@ -44,9 +44,9 @@ mod tests {
     use geo_types::Polygon;
 
     use super::*;
-    use sizeup_geo::terrain::{GroundLevel, Terrain};
-    use sizeup_heights::optimise::SolvedHeight;
-    use sizeup_heights::scene::HeightBounds;
+    use crate::terrain::{GroundLevel, Terrain};
+    use crate::optimise::SolvedHeight;
+    use crate::scene::HeightBounds;
 
     /// Houses of some heights in a row, 30 m from one to the next.
     fn doubtful(heights_m: &[f64], settled: Option<usize>) -> Vec<usize> {

@@ -19,11 +19,10 @@ pub use refine::{MIN_PHOTOS, MIN_PLACES, Refined, elsewhere_share, refine};
 
 use glam::{DVec2, DVec3};
 
-use crate::prior::Picture;
-use sizeup_heights::raster::Raster;
-use sizeup_heights::stats::parabola_peak;
-use sizeup_heights::views::in_turn;
-use sizeup_survey::View;
+use crate::picture::{Picture, PosedCamera};
+use crate::raster::Raster;
+use crate::stats::parabola_peak;
+use crate::views::in_turn;
 
 /// Photos that look at the surface flatter than this (tangent of the angle off nadir) are not asked.
 pub const FLATTEST: f64 = 1.5;
@@ -52,13 +51,13 @@ const LEAST_SHIFT_SHARE: f64 = 0.4;
 /// The photos to ask about a place: from all sides, steep ones first, none flatter than `flattest` (tangent of the angle off nadir);
 /// `sees` may refuse more.
 pub fn choose(
-    views: &[&View],
+    cameras: &[PosedCamera],
     place: DVec3,
     n_views: usize,
     flattest: f64,
     sees: impl Fn(usize) -> bool,
 ) -> Vec<usize> {
-    let seeing = views.iter().enumerate().filter_map(|(i, view)| {
+    let seeing = cameras.iter().enumerate().filter_map(|(i, view)| {
         let from = view.camera_from_map.centre() - place;
         let slope = from.truncate().length() / from.z;
         if !(0.0..flattest).contains(&slope) {
@@ -74,13 +73,13 @@ pub fn choose(
 }
 
 /// Metres on a surface to a pixel, across the line of sight, mean of the pictures.
-pub(crate) fn ground_sample_m(pictures: &[&Picture], place: DVec3) -> f64 {
+pub fn ground_sample_m(pictures: &[&Picture], place: DVec3) -> f64 {
     let of_one = |p: &&Picture| (p.camera_from_map().centre() - place).length() / p.camera().fx_px;
     pictures.iter().map(of_one).sum::<f64>() / pictures.len() as f64
 }
 
 /// Likeness of the photos on a surface that is raised and lowered.
-pub(crate) struct PhotoConsistency {
+pub struct PhotoConsistency {
     /// Height of the first try against the surface as given, and from one to the next, metres.
     low_m: f64,
     step_m: f64,
@@ -91,7 +90,7 @@ pub(crate) struct PhotoConsistency {
 
 /// Height at which the photos look alike most.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Peak {
+pub struct Peak {
     /// Against the surface as given, metres.
     pub raised_m: f64,
     /// Mean correlation of the better pairs, −1..1.

@@ -1,0 +1,179 @@
+//! The method's loop: solve, move photos or split footprints where the solution asks for it, solve again; then refine.
+
+use std::collections::BTreeSet;
+
+use glam::DVec3;
+
+use super::doubts::{mark_small, mark_towers};
+use super::parts::{PartId, Parts, without};
+use super::refinement::Refinement;
+use super::task::{Heights, MethodSettings, NamedCamera, Task};
+use crate::optimise::{OptimiseConfig, Problem, Rays, Solution, Solving, ViewInput, solve};
+use crate::render::PlacedCamera;
+use crate::scene::Scene;
+
+/// Rounds of splitting: each finds one more level of a building.
+const MAX_ROUNDS: usize = 2;
+/// Full sweeps over parts among buildings whose heights are known from the round before.
+const RESUMED_SWEEPS: usize = 2;
+
+/// Turns evidence into one height per building of a scene: the optimiser, or a baseline in its place.
+pub type Solver<'a> = &'a dyn Fn(&Problem<'_>, &OptimiseConfig) -> Solution;
+
+/// Estimates the heights of all buildings of a task.
+#[must_use]
+pub fn estimate(task: &Task<'_>, settings: &MethodSettings) -> Heights {
+    estimate_with(task, settings, &solve)
+}
+
+/// As [`estimate`], with another solver.
+#[must_use]
+pub fn estimate_with(task: &Task<'_>, settings: &MethodSettings, solver: Solver<'_>) -> Heights {
+    Rounds { task, settings, solver, moved_m: DVec3::ZERO }.run()
+}
+
+/// The views of a task in a scene, at the solver's working resolution, moved in the map frame, metres.
+#[must_use]
+pub fn view_inputs(views: &[NamedCamera], working_px: u32, scene: &Scene, moved_m: DVec3) -> Vec<ViewInput> {
+    let of = |view: &NamedCamera| {
+        let pose = view.posed.camera_from_map.moved(moved_m);
+        let placed = PlacedCamera::new(view.posed.camera.reduced_to(working_px), pose, scene.origin);
+        ViewInput::new(&view.name, placed, view.is_oblique())
+    };
+    views.iter().map(of).collect()
+}
+
+struct Rounds<'a> {
+    task: &'a Task<'a>,
+    settings: &'a MethodSettings,
+    solver: Solver<'a>,
+    /// Offset that the photos were moved by onto the footprints, map frame, metres.
+    moved_m: DVec3,
+}
+
+impl Rounds<'_> {
+    fn run(mut self) -> Heights {
+        let whole = Parts::whole(self.task.buildings);
+        let mut parts = whole.clone();
+        let mut scene = self.scene(&parts);
+        let mut rays = self.untraced();
+        let mut solution = self.solve(&scene, &rays, &self.settings.optimise, &[]);
+        let layer_shift = solution.layer_shift;
+        if let Some(shift) = layer_shift {
+            self.moved_m = shift.on_ground();
+            rays = self.untraced();
+            solution = self.solve(&scene, &rays, &self.settings.search(|search| search.measure_shift = false), &[]);
+        }
+        let mut cuts = Vec::new();
+        while cuts.len() < MAX_ROUNDS {
+            let round = parts.cuts(scene.origin, &solution.other_levels);
+            let Some(former) = parts.split(&round) else { break };
+            let known = known_heights(&solution, &former);
+            scene = self.scene(&parts);
+            rays = rays.of_other_footprints();
+            cuts.push(round);
+            if cuts.len() < MAX_ROUNDS {
+                solution = self.solve(&scene, &rays, &self.resumed(), &known);
+            }
+        }
+        let keeping_whole = self.settings.search(|search| {
+            search.split_levels = false;
+            search.measure_shift = false;
+        });
+        if !cuts.is_empty() || !solution.other_levels.is_empty() {
+            // From scratch: heights found with other footprints hide what stands behind them.
+            solution = self.solve(&scene, &rays, &keeping_whole, &[]);
+        }
+        let mut joined: BTreeSet<PartId> = BTreeSet::new();
+        loop {
+            let n_before = joined.len();
+            joined.extend(parts.contradicted(&solution.heights, &cuts));
+            if joined.len() == n_before {
+                break;
+            }
+            parts.clone_from(&whole);
+            cuts = cuts.iter().map(|round| without(round, &joined)).collect();
+            cuts.retain(|round| parts.split(round).is_some());
+            scene = self.scene(&parts);
+            rays = rays.of_other_footprints();
+            solution = self.solve(&scene, &rays, &keeping_whole, &[]);
+        }
+        // Photos show roofs where they are.
+        move_footprints(&mut scene, &solution);
+        let unread_photos = self.refine(&scene, &mut solution);
+        mark_towers(&scene, &mut solution);
+        mark_small(&scene, &mut solution);
+        let Parts { parts, splits } = parts;
+        Heights { parts, solution, splits, joined: joined.into_iter().collect(), layer_shift, unread_photos }
+    }
+
+    fn scene(&self, parts: &Parts) -> Scene {
+        let on_ground: Vec<_> = parts.parts.iter().map(|part| (&part.footprint, part.ground)).collect();
+        let frame = self.task.frame;
+        Scene::at(frame.origin, &on_ground, self.task.terrain, frame.bounds, frame.bounds.ground_margin_m())
+    }
+
+    /// Rays of the views through a scene, none traced yet.
+    fn untraced(&self) -> Rays {
+        Rays::new(self.task.views.len(), self.settings.optimise.stride_px)
+    }
+
+    /// Settings to see whether a part has yet another level.
+    fn resumed(&self) -> OptimiseConfig {
+        self.settings.search(|search| {
+            search.full_sweeps = RESUMED_SWEEPS.min(search.full_sweeps);
+            search.local_sweeps = 0;
+            search.correct_edge_bleeding = false;
+            search.measure_shift = false;
+            search.measure_footprints = false;
+            search.roof_forms.clear();
+        })
+    }
+
+    fn solve(&self, scene: &Scene, rays: &Rays, optimise: &OptimiseConfig, known_m: &[Option<f32>]) -> Solution {
+        let &Task { views, priors, seed, progress, .. } = self.task;
+        let problem = Problem {
+            scene,
+            views: &view_inputs(views, optimise.working_px, scene, self.moved_m),
+            expect_priors: &|views| priors.prepare(views, &|done, total| progress(Solving::Priors, done, total)),
+            without_prior: &|view| priors.absence(view),
+            load_prior: &|view| priors.load(view),
+            green: &|view| priors.green(view),
+            start_m: known_m,
+            seed,
+            rays,
+            progress,
+        };
+        let mut solution = (self.solver)(&problem, optimise);
+        // Whichever solver: no height outside the range is returned.
+        solution.heights.iter_mut().for_each(|solved| solved.keep_within(scene.bounds, optimise.height_reference));
+        solution
+    }
+
+    /// Refines the roofs by the photos. Returns the photos that cannot be read, and why.
+    fn refine(&self, scene: &Scene, solution: &mut Solution) -> Vec<(usize, String)> {
+        let Some(photos) = self.task.photos.filter(|_| self.settings.refines_roofs()) else { return Vec::new() };
+        let refinement = Refinement {
+            scene,
+            settings: &self.settings.refinement,
+            reference: self.settings.optimise.height_reference,
+            moved_m: self.moved_m,
+        };
+        refinement.run(self.task.views, photos, solution)
+    }
+}
+
+/// Heights of the last pass by the parts of now, above ground, metres; `former` are their positions then.
+fn known_heights(solution: &Solution, former: &[Option<usize>]) -> Vec<Option<f32>> {
+    let last = solution.history.last().map_or(&[][..], |pass| &pass.heights_m);
+    former.iter().map(|at| last.get((*at)?).copied()).collect()
+}
+
+/// Moves footprints to where the photos show their buildings.
+pub fn move_footprints(scene: &mut Scene, solution: &Solution) {
+    for (prism, solved) in scene.prisms.iter_mut().zip(&solution.heights) {
+        if let Some(shift) = solved.footprint_shift {
+            *prism = shift.moved(prism);
+        }
+    }
+}
