@@ -14,7 +14,7 @@ const SLOW_RADIUS_PX: usize = 15;
 /// A camera and its pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PosedCamera {
-    /// Intrinsics.
+    /// Intrinsics of the photo.
     pub camera: Camera,
     /// Pose: from the map frame to the camera's.
     pub camera_from_map: Rigid<Cam, Map>,

@@ -35,7 +35,7 @@ pub(super) struct Parts {
 }
 
 impl Parts {
-    /// Whole buildings.
+    /// Buildings as single parts, not yet split.
     pub fn whole(buildings: &[Building]) -> Self {
         let part = |(building, of): (usize, &Building)| Part {
             building,

@@ -51,7 +51,7 @@ pub struct Settings {
 pub struct PartHeight {
     /// Footprint in the map frame, metres.
     pub footprint: Polygon<f64>,
-    /// Its height.
+    /// Height of the part, above the ground of the building.
     pub height: SolvedHeight,
 }
 
