@@ -144,7 +144,7 @@ impl Scene {
 /// The aims of the design, on one town of the kind with courtyards and rows.
 #[test]
 fn exact_masks_give_footprints_within_the_aims() {
-    let scene = Scene::new(TownKind::District, 40, 11);
+    let scene = Scene::new(TownKind::District, 24, 11);
     let masks = scene.masks(&MaskLevel::Exact.errors());
     let found = scene.found(&masks, Instances::ByLabel, &ConsensusConfig::default());
     let evaluation = evaluate_footprints(&found, &scene.truth());
