@@ -162,6 +162,7 @@ fn pairs(polygons: &[Polygon<f64>]) -> impl Iterator<Item = (&Polygon<f64>, &Pol
 }
 
 #[test]
+#[ignore = "slow: make test-slow"]
 fn merging_views_beats_the_best_single_view_with_masks_of_a_network() {
     let scene = Scene::new(TownKind::District, 30, 5);
     let masks = scene.masks(&MaskLevel::Network.errors());
