@@ -299,7 +299,7 @@ fn the_commands_on_the_first_screen_of_the_readme_run_as_they_stand() {
     assert_eq!(commands.len(), 2, "{commands:?}");
     let desk = Desk::new();
     // Few and small photos: their depth takes long, and how good heights are is another test's matter.
-    let few = simulated(15, [320, 240]);
+    let few = simulated(10, [240, 180]);
     for name in ["images", "sparse", "georef.json", "dtm.tif"] {
         copy(&few.path().join(name), &desk.path("flight").join(name));
     }
