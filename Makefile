@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-val3dity deps-networks deps-features networks demo test lint bench accuracy accuracy-footprints docs schemas qgis-plugin train-test deb wheel test-python test-packages clean
+.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-val3dity deps-networks deps-features networks demo test test-slow lint bench accuracy accuracy-footprints docs schemas qgis-plugin train-test deb wheel test-python test-packages clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
@@ -52,6 +52,11 @@ test: deps-test ## Run all tests
 	@rm -f "$${CARGO_TARGET_DIR:-target}/tmp/skipped.txt"
 	$(CARGO) test --workspace --locked
 	@tools/skipped.sh
+
+# Others that are ignored measure, and print what they measured.
+test-slow: deps-test ## Run the tests that take half a minute of a processor or more each and are not part of `make test`
+	$(CARGO) test --locked --workspace --test it -- --ignored \
+		--skip table_of_accuracy --skip a_million_contours --skip frames_per_second
 
 # The training of footprint networks is a package of its own: the program builds and passes its tests without it. A continuous
 # integration runs this beside `make test`, with the same cache of `target`.

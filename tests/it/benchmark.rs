@@ -86,7 +86,16 @@ fn the_papers_tables_have_every_method_and_keep_its_own_numbers_apart() {
     let folder = tempfile::tempdir().unwrap();
     let mut command = sizeup();
     command
-        .args(["benchmark", "paper", "--small", "--set", "scenes=[\"mini-village\"]", "--output"])
+        .args([
+            "benchmark",
+            "paper",
+            "--small",
+            "--set",
+            "scenes=[\"mini-village\"]",
+            "--set",
+            "studies={of=[]}",
+            "--output",
+        ])
         .arg(folder.path());
     let outcome: Outcome = command.output().unwrap().into();
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
@@ -161,7 +170,7 @@ fn the_papers_studies_change_what_they_say() {
     let folder = tempfile::tempdir().unwrap();
     let outcome: Outcome = sizeup()
         .args(["benchmark", "paper", "--small", "--set", "scenes=[\"mini-village\"]"])
-        .args(["--set", "studies.of=[\"cover\",\"range\"]", "--output"])
+        .args(["--set", "methods=[\"robust\"]", "--set", "studies.of=[\"cover\",\"range\"]", "--output"])
         .arg(folder.path())
         .output()
         .unwrap()

@@ -13,7 +13,7 @@ use crate::footprint_masks::{layer, run};
 fn village(folder: &Path) {
     let mut config = SimulateConfig { seed: 151, ..SimulateConfig::default() };
     (config.town.kind, config.town.n_buildings) = (TownKind::Village, 12);
-    (config.flight.n_views, config.flight.height_m) = (Some(50), 120.0);
+    (config.flight.n_views, config.flight.height_m) = (Some(40), 120.0);
     (config.camera.width_px, config.camera.height_px) = (480, 360);
     (config.prior.longest_px, config.prior.level) = (320, PriorLevel::Mid);
     simulate(&config, folder, &|_, _| {}).unwrap();

@@ -75,7 +75,7 @@ fn footprints_that_are_off_one_by_one_are_told_and_heights_are_measured_where_th
         let notes = issues.iter().filter(|issue| issue["code"] == "footprint_off").count();
         assert!(notes >= n_told && issues.iter().any(|issue| issue["code"] == "footprints_off"), "{issues:?}");
         // Asked for, the moved footprints take the place of the given ones; houses that share walls still do.
-        let (moved, ..) = run(folder, &["--set", "output.footprints=in_photos"]);
+        let (moved, ..) = run(folder, &["--from", "output", "--set", "output.footprints=in_photos"]);
         let mut overlap_m2 = 0.0;
         for (id, record) in &moved {
             let given = &records[id];

@@ -24,6 +24,7 @@ fn has_modules() -> bool {
 }
 
 #[test]
+#[ignore = "slow: make test-slow"]
 fn the_exports_of_each_program_end_in_the_heights_of_the_scene() {
     if !has_modules() {
         return skip("GDAL's Python, numpy or Pillow is not installed (make deps-test)");

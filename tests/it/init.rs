@@ -30,18 +30,23 @@ const GROUND_M: f64 = 23.0;
 /// EGM96 above the ellipsoid at the scene in Hamburg, metres: <https://geographiclib.sourceforge.io/cgi-bin/GeoidEval>.
 const GEOID_M: f64 = 39.9;
 
+/// For runs that are not about poses: to look whether photos fit them takes most of such a run's time.
+const AS_GIVEN: [&str; 2] = ["--set", "align.when=never"];
+
 /// A scene with photos, as `sizeup simulate` leaves it.
 fn scene() -> &'static Path {
     static SCENE: OnceLock<TempDir> = OnceLock::new();
-    let scene = SCENE.get_or_init(|| {
-        let folder = tempfile::tempdir().unwrap();
-        let mut config = SimulateConfig::preset("demo").unwrap();
-        config.town.n_buildings = N_BUILDINGS;
-        config.flight.n_views = Some(N_PHOTOS);
-        simulate(&config, folder.path(), &|_, _| {}).unwrap();
-        folder
-    });
-    scene.path()
+    SCENE.get_or_init(|| simulated(N_PHOTOS, [640, 480])).path()
+}
+
+fn simulated(n_photos: usize, [width_px, height_px]: [u32; 2]) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let mut config = SimulateConfig::preset("demo").unwrap();
+    config.town.n_buildings = N_BUILDINGS;
+    config.flight.n_views = Some(n_photos);
+    (config.camera.width_px, config.camera.height_px) = (width_px, height_px);
+    simulate(&config, folder.path(), &|_, _| {}).unwrap();
+    folder
 }
 
 /// The scene's true poses.
@@ -246,6 +251,7 @@ fn warnings(summary: &Value) -> String {
 }
 
 #[test]
+#[ignore = "slow: make test-slow"]
 fn photos_of_a_drone_and_openstreetmap_alone_become_measured_heights() {
     let desk = Desk::new();
     desk.photos("DCIM/100MEDIA", &Drone { zero_m: -35.0, ..Drone::default() });
@@ -292,8 +298,10 @@ fn the_commands_on_the_first_screen_of_the_readme_run_as_they_stand() {
     let commands = shell_lines("README.md", "Run it on your own data");
     assert_eq!(commands.len(), 2, "{commands:?}");
     let desk = Desk::new();
+    // Few and small photos: their depth takes long, and how good heights are is another test's matter.
+    let few = simulated(10, [240, 180]);
     for name in ["images", "sparse", "georef.json", "dtm.tif"] {
-        desk.bring(name, name);
+        copy(&few.path().join(name), &desk.path("flight").join(name));
     }
     fs::write(desk.path("flight/map.osm"), osm()).unwrap();
     // Copied into a shell, with the program on its path.
@@ -333,7 +341,7 @@ fn an_openstreetmap_file_gives_its_buildings_with_ids_of_their_own() {
     fs::write(desk.path("flight/map.osm"), osm()).unwrap();
     let (_, outcome) = desk.init(&[]);
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
-    let run = desk.run(&["run", "sizeup.toml", "--until", "footprints", "--json"]);
+    let run = desk.run(&[&["run", "sizeup.toml", "--until", "footprints", "--json"][..], &AS_GIVEN].concat());
     assert_eq!(run.code, 0, "{}", run.stderr);
     let config = sizeup::footprint::FootprintConfig::new(desk.path("flight/map.osm"));
     let layer = sizeup::footprint::read(&config, &Crs::parse(CRS).unwrap()).unwrap();
@@ -373,7 +381,7 @@ fn adjusted_poses_come_before_those_of_the_photos_and_both_are_told() {
     assert!(summary["poses"]["why"].as_str().unwrap().contains("georef.json"));
     assert_eq!(summary["poses"]["passed"][0]["format"], "photos");
     assert!(summary["heights"].as_str().unwrap().contains("take-off confirms"), "{summary:#}");
-    let run = desk.run(&["run", "sizeup.toml", "--until", "footprints"]);
+    let run = desk.run(&[&["run", "sizeup.toml", "--until", "footprints"][..], &AS_GIVEN].concat());
     assert_eq!(run.code, 0, "{}", run.stderr);
 }
 
@@ -519,7 +527,7 @@ fn what_survey_align_and_convert_write_is_taken_with_its_settings() {
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
     assert!(summary["poses"]["why"].as_str().unwrap().contains("survey.toml"), "{summary:#}");
     assert!(desk.text().contains("images = \"flight/images\""), "{}", desk.text());
-    assert_eq!(desk.run(&["run", "sizeup.toml", "--until", "footprints"]).code, 0);
+    assert_eq!(desk.run(&[&["run", "sizeup.toml", "--until", "footprints"][..], &AS_GIVEN].concat()).code, 0);
 }
 
 #[test]
@@ -567,7 +575,7 @@ fn what_is_missing_is_told_written_and_left_to_be_filled_in() {
     RunConfig::load(&desk.path("sizeup.toml"), &[]).unwrap();
     fs::copy(scene().join("footprints.gpkg"), desk.path("buildings.gpkg")).unwrap();
     fs::copy(scene().join("dtm.tif"), desk.path("dtm.tif")).unwrap();
-    assert_eq!(desk.run(&["run", "sizeup.toml", "--until", "footprints"]).code, 0);
+    assert_eq!(desk.run(&[&["run", "sizeup.toml", "--until", "footprints"][..], &AS_GIVEN].concat()).code, 0);
     // Layers beside the photos' folder, where the project's file is, are found as well.
     let (summary, outcome) = desk.init(&[]);
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
@@ -658,7 +666,7 @@ fn barometric_heights_over_a_terrain_model_count_from_the_take_off() {
     // The relief of the simulated ground is 3 m.
     assert!((base_m - GROUND_M).abs() < 2.0, "{base_m}");
     assert!(warnings(&summary).contains("no known zero"), "{summary:#}");
-    let run = desk.run(&["run", "sizeup.toml", "--until", "survey", "--json"]);
+    let run = desk.run(&[&["run", "sizeup.toml", "--until", "survey", "--json"][..], &AS_GIVEN].concat());
     assert_eq!(run.code, 0, "{}", run.stderr);
 }
 
@@ -710,7 +718,7 @@ fn a_project_within_the_folder_of_its_photos_runs_again() {
     assert_eq!(within(&["init", "."]).code, 0);
     for _ in 0..2 {
         // The pictures of the first run are no photos of the second.
-        let run = within(&["run", "sizeup.toml", "--until", "survey", "--json"]);
+        let run = within(&[&["run", "sizeup.toml", "--until", "survey", "--json"][..], &AS_GIVEN].concat());
         assert_eq!(run.code, 0, "{}", run.stderr);
         let survey: Value = serde_json::from_slice(&fs::read(desk.path("flight/result/survey.json")).unwrap()).unwrap();
         assert_eq!((&survey["n_views"], &survey["issue_counts"]["photo_unreadable"]), (&json!(N_PHOTOS), &Value::Null));
@@ -947,7 +955,7 @@ fn a_real_block_runs_once_its_ground_is_given() {
     let (summary, outcome) = desk.init(&["--ground", "111.6"]);
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
     assert!(summary["footprints"]["path"].as_str().unwrap().ends_with("truth_buildings.geojson"));
-    let run = desk.run(&["run", "sizeup.toml", "--until", "footprints", "--json"]);
+    let run = desk.run(&[&["run", "sizeup.toml", "--until", "footprints", "--json"][..], &AS_GIVEN].concat());
     assert_eq!(run.code, 0, "{}", run.stderr);
     let of_run: Value = serde_json::from_str(&run.stdout).unwrap();
     assert_eq!((&of_run["n_buildings"], &of_run["n_views"]), (&json!(9), &json!(12)));

@@ -455,6 +455,7 @@ fn greatest_difference_m(scene: &Scene, [one, other]: [&str; 2]) -> f64 {
 }
 
 #[test]
+#[ignore = "slow: make test-slow"]
 fn tiles_whose_halo_ends_within_the_town_find_the_heights_of_a_run_in_one_piece() {
     let mut config = SimulateConfig { seed: 3, ..SimulateConfig::default() };
     (config.town.kind, config.town.n_buildings) = (TownKind::District, 700);

@@ -18,14 +18,18 @@ fn skipped(what: &str, target: &str) -> Option<PathBuf> {
 
 /// A program on the path.
 pub fn program(name: &str, target: &str) -> Option<PathBuf> {
-    let path = std::env::var_os("PATH").unwrap_or_default();
-    let found = std::env::split_paths(&path).map(|folder| folder.join(name)).find(|file| file.is_file());
-    found.or_else(|| skipped(name, target))
+    on_path(name).or_else(|| skipped(name, target))
 }
 
-/// A browser without windows, or one with.
+fn on_path(name: &str) -> Option<PathBuf> {
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    std::env::split_paths(&path).map(|folder| folder.join(name)).find(|file| file.is_file())
+}
+
+/// A browser without windows, or one with: what `tools/deps.sh web` takes for one.
 pub fn chromium() -> Option<PathBuf> {
-    program("chromium-headless-shell", "deps-test").or_else(|| program("chromium", "deps-test"))
+    let names = ["chromium-headless-shell", "chromium"];
+    names.into_iter().find_map(on_path).or_else(|| skipped("chromium", "deps-test"))
 }
 
 /// cjio of the Python package index.
