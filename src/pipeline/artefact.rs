@@ -16,9 +16,9 @@ use sizeup_footprints::{DetectionSummary, FootprintLayer, Tracks};
 use sizeup_geo::files::write_whole;
 use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::GroundLevel;
+use sizeup_heights::estimate::{Part, Split};
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::ids::BuildingId;
-use sizeup_heights::estimate::{Part, Split};
 use sizeup_heights::optimise::{LayerShift, LevelGain, Solution};
 use sizeup_survey::Survey;
 

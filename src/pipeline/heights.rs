@@ -10,7 +10,9 @@ use super::footprints;
 use super::kept::PriorStore;
 use super::parts::buildings_of;
 use super::stages::SceneStage;
-use super::{Event, FootprintStage, GroundTold, HeightStage, PipelineError, Solver, Stage, Tell, artefact, ground_told};
+use super::{
+    Event, FootprintStage, GroundTold, HeightStage, PipelineError, Solver, Stage, Tell, artefact, ground_told,
+};
 use crate::config::RunConfig;
 use sizeup_footprints::FootprintSource;
 use sizeup_geo::issue::Issue;
@@ -127,7 +129,8 @@ impl<'a> HeightSearch<'a> {
         priors: &PriorStore,
         settings: &MethodSettings,
     ) -> HeightStage {
-        let run_priors = RunPriors { store: priors, survey: self.survey, terrain: &stage.terrain, found: Mutex::default() };
+        let run_priors =
+            RunPriors { store: priors, survey: self.survey, terrain: &stage.terrain, found: Mutex::default() };
         let album = Album::new(self.config.refinement.long_side_px, PICTURE_BYTES);
         let frame = stage.frame();
         let task = Task {

@@ -13,10 +13,10 @@ use super::frame::{Frame, origin};
 use super::heights::{HeightSearch, moved};
 use super::input::{check_fallback, check_settings, check_views, height_bounds, unseen};
 use super::kept::PriorStore;
+use super::parts::split_footprints;
 use super::records::records;
 use super::worst::worst;
 use super::{City, Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
-use super::parts::split_footprints;
 use super::{artefact, footprints, ground_told, pictures, poses, report, soundness};
 use crate::config::RunConfig;
 use sizeup_geo::files::{FileError, write_json, write_whole};
@@ -26,7 +26,7 @@ use sizeup_geo::terrain::{self, GroundLevel, LoadedTerrain, MapBox, Terrain};
 use sizeup_geo::unfinished::Unfinished;
 use sizeup_heights::estimate::move_footprints;
 use sizeup_heights::frames::LocalOrigin;
-use sizeup_heights::optimise::{DisagreeingView, Solution};
+use sizeup_heights::optimise::{DisagreeingView, PriorShape, Solution};
 use sizeup_heights::scene::Scene;
 use sizeup_photos::prior::Priors;
 use sizeup_results::output::plausible::CityDoubts;
@@ -349,10 +349,20 @@ fn disagreeing_prior(survey: &Survey, found: &DisagreeingView) -> Issue {
 fn bent_priors(solution: &Solution) -> Option<Issue> {
     let (n, n_used) = (solution.n_straightened, solution.used_views.len());
     (n > 0).then(|| {
-        let message = format!(
-            "the prior runs in a curve along the ground in {n} of {n_used} photos, expected a straight line in inverse depth; \
-             it was straightened by the terrain there"
-        );
+        let message = match solution.prior_shape {
+            PriorShape::ShiftedDepth => format!(
+                "the prior is depth with an offset in {n} of {n_used} photos, expected depth up to scale; the offset was taken off by the \
+                 terrain there"
+            ),
+            PriorShape::Bent | PriorShape::Line => format!(
+                "the prior runs in a curve along the ground in {n} of {n_used} photos, expected a straight line in inverse depth; \
+                 it was straightened by the terrain there"
+            ),
+        };
+        if solution.prior_shape == PriorShape::ShiftedDepth {
+            let hint = "maps that were stretched to a fixed range, photo by photo, are like this; store depth itself where you can";
+            return Issue::new(Severity::Note, "prior_straightened", Subject::Input("prior".to_owned()), message).hint(hint);
+        }
         let hint = "depths said to be inverse, or the other way round, do this: is `kind` right? So do maps that were stored with \
                     a gamma, as logarithms or as ranks: those are fine";
         Issue::new(Severity::Note, "prior_straightened", Subject::Input("prior".to_owned()), message).hint(hint)

@@ -16,9 +16,7 @@ use super::kept::PriorStore;
 use super::records::records;
 use super::settings::part_settings;
 use super::stages::{SceneStage, lineage_of, load_terrain, reviews_of, terrain_around, view_issues};
-use super::{
-    FootprintStage, Frame, GroundTold, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact,
-};
+use super::{FootprintStage, Frame, GroundTold, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact};
 use crate::config::RunConfig;
 use sizeup_footprints::{
     self, ContourKind, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint,

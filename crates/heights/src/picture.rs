@@ -88,11 +88,7 @@ impl Picture {
 
     /// Picture of a camera without distortion that sees this brightness along each ray: centre and direction, map frame.
     #[must_use]
-    pub fn seeing(
-        camera: Camera,
-        camera_from_map: Rigid<Cam, Map>,
-        brightness: impl Fn(DVec3, DVec3) -> f32,
-    ) -> Self {
+    pub fn seeing(camera: Camera, camera_from_map: Rigid<Cam, Map>, brightness: impl Fn(DVec3, DVec3) -> f32) -> Self {
         let to_map = camera_from_map.rotation.inverse();
         let (centre, rays) = (camera_from_map.centre(), camera.clone());
         let at = |pixel: DVec2| {

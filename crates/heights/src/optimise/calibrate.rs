@@ -50,6 +50,14 @@ impl Calibration {
         robust_line(&samples).filter(|line| line.gain > 0.0)
     }
 
+    pub(super) fn gain(&self) -> f64 {
+        self.gain
+    }
+
+    pub(super) fn offset(&self) -> f64 {
+        self.offset
+    }
+
     /// Residual of a sample: its prior less the line's.
     pub(super) fn residual(&self, &(v, p): &(f64, f64)) -> f64 {
         p - self.offset - self.gain * v

@@ -6,7 +6,7 @@ use glam::DVec2;
 use rayon::prelude::*;
 
 use super::calibrate::Calibration;
-use super::straighten::GroundCurve;
+use super::straighten::{GroundFits, PriorShape};
 use crate::prior::{DepthPrior, PriorKind};
 use crate::raster::Raster;
 use crate::ray::Ray;
@@ -27,6 +27,8 @@ pub struct Evidence<'a> {
     pub farness: Vec<f32>,
     /// Per ray: whether the photo shows the green of leaves there; empty where that is not known, or it does so nowhere.
     green: Vec<bool>,
+    /// Whether the prior is depth, of which `nearness` is the inverse.
+    pub(super) is_depth: bool,
     /// Whether the prior has been straightened along the ground.
     pub was_bent: bool,
     /// Size of a pixel of the prior or of the working image, whichever is larger, in pixels of the working image.
@@ -86,6 +88,7 @@ impl<'a> Evidence<'a> {
             nearness,
             farness,
             green,
+            is_depth: prior.kind == PriorKind::Depth,
             was_bent,
             pixel_px,
             on_ground,
@@ -122,8 +125,9 @@ impl<'a> Evidence<'a> {
         self.green.get(ray as usize).is_some_and(|is_green| *is_green)
     }
 
-    /// Replaces the prior by the inverse depth that a curve says it stands for.
-    pub(super) fn straighten(&mut self, curve: &GroundCurve) {
+    /// Replaces the prior by the inverse depth that it stands for, where the priors of its survey have another shape.
+    pub(super) fn straighten(&mut self, fits: &GroundFits, shape: PriorShape) {
+        let Some(curve) = fits.curve(shape) else { return };
         self.nearness.iter_mut().for_each(|p| *p = curve.inverse_depth(f64::from(*p)) as f32);
         self.farness = self.nearness.iter().map(|n| farness_of(PriorKind::InverseDepth, *n)).collect();
         self.was_bent = true;

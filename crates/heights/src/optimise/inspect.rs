@@ -12,7 +12,7 @@ use super::ordinal::ComparedPixels;
 use super::search::{SweepView, standing};
 use super::solution::Solution;
 use super::solve::Problem;
-use super::straighten::GroundCurve;
+use super::straighten::GroundFits;
 use crate::ordinal::DepthOrder;
 use crate::seed;
 
@@ -82,11 +82,7 @@ pub fn inspect(
         .filter_map(|&view| {
             let prior = (problem.load_prior)(view).ok()?;
             let mut evidence = problem.evidence(view, &prior, solution.bleeding_of(view), config.stride_px);
-            if solution.n_straightened > 0
-                && let Some(curve) = GroundCurve::along_ground(&evidence)
-            {
-                evidence.straighten(&curve);
-            }
+            evidence.straighten(&GroundFits::along_ground(&evidence), solution.prior_shape);
             Some((view, evidence))
         })
         .collect();

@@ -21,7 +21,7 @@ use super::rays::Rays;
 use super::search::{Finding, Range, SearchPass, SweepView, SweepViews, find_roofs, sweep};
 use super::shift::{PeakSearch, evenly_around, lead_all_around};
 use super::solve::{Problem, ViewInput};
-use super::straighten::GroundCurve;
+use super::straighten::{GroundFits, PriorShape};
 use crate::prior::DepthPrior;
 use crate::stats::jackknife_sigma;
 
@@ -66,7 +66,7 @@ struct ShiftTrial<'a> {
     views_of: Vec<Vec<usize>>,
     priors: BTreeMap<usize, DepthPrior>,
     /// Whether priors are straightened along the ground.
-    are_straightened: bool,
+    shape: PriorShape,
 }
 
 /// Measures how far the photos lie from the footprints with the heights as they stand; `None` where they fit, or too little is seen
@@ -75,7 +75,7 @@ pub(super) fn measure(
     problem: &Problem<'_>,
     views_of: &[Vec<usize>],
     heights_m: &[f32],
-    are_straightened: bool,
+    shape: PriorShape,
     stride_px: usize,
     config: &SearchConfig,
 ) -> Option<LayerShift> {
@@ -88,7 +88,7 @@ pub(super) fn measure(
     let load = |view: usize| Some((view, (problem.load_prior)(view).ok()?));
     let priors = views.into_par_iter().filter_map(load).collect();
     let pixel_m = pixel_on_ground_m(problem, &views_of);
-    let trial = ShiftTrial { problem, config, stride_px, heights_m, views_of, priors, are_straightened };
+    let trial = ShiftTrial { problem, config, stride_px, heights_m, views_of, priors, shape };
     trial.search(&asked, STEP_M.max(pixel_m))
 }
 
@@ -182,9 +182,7 @@ impl ShiftTrial<'_> {
             .par_iter()
             .map(|(&view, prior)| {
                 let mut evidence = problem.evidence(view, prior, 0.0, self.stride_px);
-                if let Some(curve) = self.are_straightened.then(|| GroundCurve::along_ground(&evidence)).flatten() {
-                    evidence.straighten(&curve);
-                }
+                evidence.straighten(&GroundFits::along_ground(&evidence), self.shape);
                 (view, evidence)
             })
             .collect();

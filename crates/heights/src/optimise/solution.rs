@@ -7,6 +7,7 @@ use super::footprint_shift::FootprintShift;
 use super::layer_shift::LayerShift;
 use super::levels::OtherLevel;
 use super::roof::Roof;
+use super::straighten::PriorShape;
 use crate::scene::{HeightBounds, HeightReference};
 
 /// Why a height is doubtful or unknown.
@@ -254,7 +255,10 @@ pub struct Solution {
     /// The same of each of `used_views`; empty where none was measured.
     #[serde(default)]
     pub bleedings_px: Vec<f64>,
-    /// Views whose prior ran in a curve along the ground and was straightened by it.
+    /// Shape of the priors along the ground, if not a line in inverse depth.
+    #[serde(default)]
+    pub prior_shape: PriorShape,
+    /// Number of views whose prior was straightened.
     #[serde(default)]
     pub n_straightened: usize,
     /// Shift of the footprint layer against the photos, where that was asked for and there is one. The search then ended with it: the heights are

@@ -35,16 +35,5 @@ fn without_views(heights_m: Vec<Option<f64>>, doubt: Option<Reason>) -> Solution
         reasons: if height_m.is_none() { vec![Reason::SeenByNoView] } else { doubt.into_iter().collect() },
         ..SolvedHeight::default()
     };
-    Solution {
-        heights: heights_m.into_iter().map(solved).collect(),
-        history: Vec::new(),
-        used_views: Vec::new(),
-        bleeding_px: 0.0,
-        bleedings_px: Vec::new(),
-        n_straightened: 0,
-        layer_shift: None,
-        other_levels: Vec::new(),
-        disagreeing_views: Vec::new(),
-        failed_views: Vec::new(),
-    }
+    Solution { heights: heights_m.into_iter().map(solved).collect(), ..Solution::default() }
 }

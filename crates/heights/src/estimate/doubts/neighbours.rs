@@ -91,9 +91,9 @@ mod tests {
     use geo_types::Polygon;
 
     use super::*;
-    use crate::terrain::{GroundLevel, Terrain};
     use crate::optimise::Doubts;
     use crate::scene::HeightBounds;
+    use crate::terrain::{GroundLevel, Terrain};
 
     /// Whether a building of `2.5 × width_m`, `height_m` high, at the wall of a house of 10 m or so far from it, is doubtful.
     fn is_doubtful(width_m: f64, height_m: f64, gap_m: f64, pixel_m: f64, raised_m: Option<f64>) -> bool {

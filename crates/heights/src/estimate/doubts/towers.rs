@@ -44,9 +44,9 @@ mod tests {
     use geo_types::Polygon;
 
     use super::*;
-    use crate::terrain::{GroundLevel, Terrain};
     use crate::optimise::SolvedHeight;
     use crate::scene::HeightBounds;
+    use crate::terrain::{GroundLevel, Terrain};
 
     /// Houses of some heights in a row, 30 m from one to the next.
     fn doubtful(heights_m: &[f64], settled: Option<usize>) -> Vec<usize> {

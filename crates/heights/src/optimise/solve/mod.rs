@@ -22,6 +22,7 @@ use super::rays::Rays;
 use super::roof::Judged;
 use super::search::Finding;
 use super::solution::{EpochRecord, Solution};
+use super::straighten::PriorShape;
 use crate::prior::DepthPrior;
 use crate::raster::Raster;
 use crate::render::PlacedCamera;
@@ -178,8 +179,8 @@ struct SolverState<'a> {
     layer_shift: Option<LayerShift>,
     /// By building: how far its footprint is off, where that was measured (`robust`).
     footprint_shifts: Vec<Option<FootprintShift>>,
-    /// Whether priors run in a curve along the ground and are straightened by it; `None` before the first are loaded.
-    are_bent: Option<bool>,
+    /// Shape of the priors along the ground, by which they are straightened; `None` before the first are loaded.
+    prior_shape: Option<PriorShape>,
 }
 
 impl<'a> SolverState<'a> {
@@ -209,7 +210,7 @@ impl<'a> SolverState<'a> {
             other_levels: Vec::new(),
             layer_shift: None,
             footprint_shifts: vec![None; n_buildings],
-            are_bent: if config.may_straighten() { None } else { Some(false) },
+            prior_shape: if config.may_straighten() { None } else { Some(PriorShape::Line) },
         }
     }
 

@@ -32,6 +32,7 @@ impl SolverState<'_> {
             used_views,
             bleeding_px,
             bleedings_px,
+            prior_shape: self.prior_shape.unwrap_or_default(),
             n_straightened,
             layer_shift: self.layer_shift,
             other_levels,

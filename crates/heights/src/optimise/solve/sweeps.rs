@@ -42,16 +42,10 @@ impl SolverState<'_> {
         }
         n_selected = self.replace_disagreeing(n_selected);
         if config.measure_shift {
-            let are_straightened = self.are_bent == Some(true);
+            let shape = self.prior_shape.unwrap_or_default();
             let stride_px = self.config.stride_px;
-            self.layer_shift = layer_shift::measure(
-                self.problem,
-                &self.views_of,
-                &self.heights_m,
-                are_straightened,
-                stride_px,
-                config,
-            );
+            self.layer_shift =
+                layer_shift::measure(self.problem, &self.views_of, &self.heights_m, shape, stride_px, config);
             if self.layer_shift.is_some() {
                 return; // to be solved again with photos and footprints in one place
             }
@@ -200,7 +194,7 @@ impl SolverState<'_> {
         there.findings.clone_from(&self.findings);
         there.roofs.clone_from(&self.roofs);
         there.views_of.clone_from(&self.views_of);
-        there.are_bent = self.are_bent;
+        there.prior_shape = self.prior_shape;
         there.bleeding_px.clone_from(&self.bleeding_px);
         let of_moved = (0..is_moved.len()).filter(|&b| is_moved[b]).flat_map(|b| self.views_of[b].iter().copied());
         let views: BTreeSet<usize> = of_moved.collect();

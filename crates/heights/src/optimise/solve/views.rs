@@ -5,7 +5,7 @@ use rand::Rng as _;
 use rayon::prelude::*;
 
 use super::{SolverState, Solving, ViewInput};
-use crate::optimise::straighten::{self, GroundCurve};
+use crate::optimise::straighten::{GroundFits, PriorShape};
 use crate::seed;
 use crate::views::{CandidateView, Choice, Selection, Visibility, drawn, in_turn, select, select_each, visibility};
 
@@ -78,26 +78,25 @@ impl SolverState<'_> {
             .map(|&v| {
                 let evidence = (self.problem.load_prior)(v).map(|prior| {
                     let evidence = self.problem.evidence(v, &prior, self.bleeding_px[v], self.config.stride_px);
-                    let curve = if self.are_bent == Some(false) { None } else { GroundCurve::along_ground(&evidence) };
-                    (evidence, curve)
+                    let is_line = self.prior_shape == Some(PriorShape::Line);
+                    let fits = if is_line { GroundFits::default() } else { GroundFits::along_ground(&evidence) };
+                    (evidence, fits)
                 });
                 let done = n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
                 (self.problem.progress)(Solving::Priors, done, new.len());
                 evidence
             })
             .collect();
-        let curves: Vec<_> = loaded.iter().flatten().map(|(_, curve)| curve.as_ref()).collect();
+        let fits: Vec<_> = loaded.iter().flatten().map(|(_, fits)| fits).collect();
         // The first photos whose priors could be loaded decide for all.
-        if self.are_bent.is_none() && !curves.is_empty() {
-            self.are_bent = Some(straighten::are_bent(&curves));
+        if self.prior_shape.is_none() && !fits.is_empty() {
+            self.prior_shape = Some(PriorShape::of(&fits));
         }
-        let are_bent = self.are_bent == Some(true);
+        let shape = self.prior_shape.unwrap_or_default();
         for (v, loaded) in new.into_iter().zip(loaded) {
             match loaded {
-                Ok((mut evidence, curve)) => {
-                    if let Some(curve) = curve.filter(|_| are_bent) {
-                        evidence.straighten(&curve);
-                    }
+                Ok((mut evidence, fits)) => {
+                    evidence.straighten(&fits, shape);
                     self.evidence[v] = Some(evidence);
                 }
                 Err(why) => self.failed[v] = Some(why),

@@ -16,9 +16,9 @@ use std::sync::Arc;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
 use super::levels::Levels;
-use sizeup_heights::picture::{Picture, PosedCamera};
 use super::sweep::{homography, position};
 use sizeup_heights::frames::Rigid;
+use sizeup_heights::picture::{Picture, PosedCamera};
 use sizeup_heights::raster::Raster;
 use sizeup_heights::stats::median;
 

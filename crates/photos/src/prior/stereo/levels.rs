@@ -14,9 +14,9 @@ use glam::{DMat3, DVec2};
 use serde::Serialize;
 
 use super::StereoConfig;
-use sizeup_heights::picture::PosedCamera;
 use super::sweep::{homography, position};
 use sizeup_geo::terrain::Terrain;
+use sizeup_heights::picture::PosedCamera;
 use sizeup_heights::raster::Raster;
 
 /// Greatest move of a neighbour's pixels from one level to the next, pixels: less repeats, more skips.
@@ -48,7 +48,12 @@ pub(super) struct Levels {
 impl Levels {
     /// The planes of a view, `None` if it has no ground in sight. Their ends are whole metres: a part of a terrain model
     /// gives the same ones as the whole, most of the time.
-    pub(super) fn of(reference: &PosedCamera, others: &[PosedCamera], terrain: &Terrain, config: &StereoConfig) -> Option<Self> {
+    pub(super) fn of(
+        reference: &PosedCamera,
+        others: &[PosedCamera],
+        terrain: &Terrain,
+        config: &StereoConfig,
+    ) -> Option<Self> {
         let (lowest, highest) = ground_in_sight(reference, terrain)?;
         let camera_z_m = reference.camera_from_map.centre().z;
         let from_m = (lowest - config.below_ground_m).floor();
@@ -67,7 +72,8 @@ impl Levels {
 
     /// Longest move of a pixel of the view in a neighbour from one level to the next, while it sees it.
     fn longest_step_px(&self, reference: &PosedCamera, other: &PosedCamera) -> f64 {
-        let size = |ideal: &PosedCamera| DVec2::new(f64::from(ideal.camera.width_px), f64::from(ideal.camera.height_px));
+        let size =
+            |ideal: &PosedCamera| DVec2::new(f64::from(ideal.camera.width_px), f64::from(ideal.camera.height_px));
         let homographies: Vec<DMat3> =
             (0..self.n).map(|level| homography(reference, other, self.height_m(level as f64))).collect();
         let of_pixel = |i: usize| {

@@ -250,7 +250,8 @@ impl StereoPriors {
         };
         let coarse = self.choose(&sweep);
 
-        let ideals: Vec<PosedCamera> = others.iter().zip(&ideals).map(|(other, at)| other.posed().posed_as(at)).collect();
+        let ideals: Vec<PosedCamera> =
+            others.iter().zip(&ideals).map(|(other, at)| other.posed().posed_as(at)).collect();
         let fine = plan.levels.around(&coarse, 0.0, reference.posed(), &ideals, &self.config);
         let coarse = Some(Coarse { heights_m: &coarse, levels: &levels });
         let sweep = Sweep {
@@ -282,7 +283,8 @@ impl StereoPriors {
             return *levels;
         }
         let halves: Vec<Arc<Picture>> = others.iter().map(|other| Arc::new(other.half())).collect();
-        let ideals = |pictures: &[Arc<Picture>]| -> Vec<PosedCamera> { pictures.iter().map(|p| p.posed().clone()).collect() };
+        let ideals =
+            |pictures: &[Arc<Picture>]| -> Vec<PosedCamera> { pictures.iter().map(|p| p.posed().clone()).collect() };
         let Some(all) = self.levels(half.posed(), &ideals(&halves)) else { return *levels };
         let ideals_there = ideals(&halves);
         let sweep = Sweep {
