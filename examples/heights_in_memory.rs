@@ -23,8 +23,8 @@ fn main() {
     let heights = estimate_heights(&buildings, &terrain, &views, &Settings::default());
 
     for (solved, truth_m) in heights.iter().zip(TRUE_HEIGHTS_M) {
-        let (height_m, sigma_m) = (solved.height_m.unwrap(), solved.sigma_m.unwrap());
-        println!("{height_m:.2} ± {sigma_m:.2} m from {} photos (truth {truth_m} m)", solved.views.len());
+        let (height_m, sigma_m) = (solved.height_m().unwrap(), solved.sigma_m().unwrap());
+        println!("{height_m:.2} ± {sigma_m:.2} m from {} photos (truth {truth_m} m)", solved.views().len());
         assert!((height_m - f64::from(truth_m)).abs() < 0.5, "within half a metre");
     }
 }
@@ -44,7 +44,14 @@ fn photos_around(place: DVec3, footprints: &[&Polygon<f64>], terrain: &Terrain) 
             kind: PriorKind::Depth,
             geometry: PriorGeometry::ZDepth,
         };
-        View { name: format!("photo {i}"), camera: camera.clone(), camera_from_map, prior: Some(prior) }
+        View {
+            name: format!("photo {i}"),
+            camera: camera.clone(),
+            camera_from_map,
+            prior: Some(prior),
+            picture: None,
+            green: None,
+        }
     };
     (0..8).map(photo).collect()
 }

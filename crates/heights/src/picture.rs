@@ -78,6 +78,9 @@ impl Picture {
     }
 
     /// Picture of a camera without distortion, with this brightness at each pixel's centre.
+    ///
+    /// # Panics
+    /// Never: there is one value per pixel.
     #[must_use]
     pub fn painted(posed: PosedCamera, brightness: impl Fn(DVec2) -> f32) -> Self {
         let (width, height) = (posed.camera.width_px as usize, posed.camera.height_px as usize);
@@ -99,6 +102,9 @@ impl Picture {
     }
 
     /// The picture at half its size.
+    ///
+    /// # Panics
+    /// Never: there is one value per pixel.
     #[must_use]
     pub fn half(&self) -> Self {
         let (width, height) = (self.grey.width() / 2, self.grey.height() / 2);

@@ -10,9 +10,11 @@
 //! is compared on what both show. Heights are tried in steps that move the photos against each other by about half a pixel.
 //! Frame: the map, metres.
 
+mod levels;
 mod local;
 mod refine;
 
+pub use levels::{LevelPart, Levels, find_levels};
 pub use local::{PhotoAgreement, agreement};
 pub use refine::RefinementConfig;
 pub use refine::{MIN_PHOTOS, MIN_PLACES, Refined, elsewhere_share, refine};
@@ -73,6 +75,7 @@ pub fn choose(
 }
 
 /// Metres on a surface to a pixel, across the line of sight, mean of the pictures.
+#[must_use]
 pub fn ground_sample_m(pictures: &[&Picture], place: DVec3) -> f64 {
     let of_one = |p: &&Picture| (p.camera_from_map().centre() - place).length() / p.camera().fx_px;
     pictures.iter().map(of_one).sum::<f64>() / pictures.len() as f64
@@ -101,6 +104,7 @@ pub struct Peak {
 
 impl PhotoConsistency {
     /// Compares pictures over the points of a surface, up to so many metres above and below it; `gsd_m` metres to a pixel.
+    #[must_use]
     pub fn new(pictures: &[&Picture], surface: &[DVec3], within_m: f64, gsd_m: f64) -> Self {
         let middle = surface.iter().sum::<DVec3>() / surface.len() as f64;
         let (pairs, shift) = telling_pairs(pictures, middle);
@@ -118,17 +122,20 @@ impl PhotoConsistency {
     }
 
     /// The best height; `None` at an end of the range, or where too few photos show the surface.
+    #[must_use]
     pub fn peak(&self) -> Option<Peak> {
         self.peak_without(None)
     }
 
     /// Likeness of the photos on the surface raised by so much, metres; of the heights tried the nearest.
+    #[must_use]
     pub fn score_at(&self, raised_m: f64) -> f64 {
         let at = ((raised_m - self.low_m) / self.step_m).round().clamp(0.0, (self.of_pairs.len() - 1) as f64) as usize;
         better_pairs(&self.of_pairs[at], &vec![true; self.pairs.len()])
     }
 
     /// The best height for each photo left out; `None` where there is none for some.
+    #[must_use]
     pub fn peaks_without_one(&self) -> Option<Vec<f64>> {
         let n_pictures = self.pairs.iter().flatten().max().map_or(0, |last| last + 1);
         (0..n_pictures).map(|left_out| Some(self.peak_without(Some(left_out))?.raised_m)).collect()
