@@ -291,8 +291,8 @@ impl<'a> CityPart<'a> {
         let mut ground = GroundTold::default();
         let heights = match &mut self.scene {
             Some(scene) => {
-                let heights = search.in_parts(&mut footprints, scene, &self.priors, Some(*core))?;
-                ground = heights.ground.clone();
+                let mut heights = search.in_parts(&mut footprints, scene, &self.priors, Some(*core))?;
+                ground = std::mem::take(&mut heights.ground);
                 heights
             }
             None => HeightStage::empty(),

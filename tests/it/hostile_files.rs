@@ -383,11 +383,15 @@ fn what_a_run_left_behind_is_held_against_what_it_belongs_to() {
             assert!(outcome.stderr.contains(word), "{word:?} is missing in: {}", outcome.stderr);
         }
     };
-    altered("heights", &|data| data["solved"][0] = json!(9999), "footprint 9999");
+    altered(
+        "heights",
+        &|data| data["parts"].as_array_mut().unwrap().last_mut().unwrap()["building"] = json!(9999),
+        "building 9999",
+    );
     altered("heights", &|data| data["solution"]["heights"][0]["views"] = json!([777]), "view 777");
     altered("heights", &|data| data["solution"]["used_views"][0] = json!(888), "view 888");
     altered("heights", &|data| data["unread_photos"] = json!([[999, "x"]]), "view 999");
-    altered("heights", &|data| drop(data["solved"].as_array_mut().unwrap().pop()), "heights of");
+    altered("heights", &|data| drop(data["parts"].as_array_mut().unwrap().pop()), "heights of");
     altered("footprints", &|data| drop(data["ground"].as_array_mut().unwrap().pop()), "ground under");
     altered("footprints", &|data| data["ground"][0]["lowest_m"] = json!(1e300), "a ground of");
     let footprint = |data: &mut serde_json::Value, to: serde_json::Value| {

@@ -38,6 +38,8 @@ const MIN_BEND: f64 = 0.05;
 /// of a network, over Delft's laser surface with trees (86 photos), the median is 1.08 where depth is up to scale and .70 where the
 /// same depth is stretched to 0..1, photo by photo; this is the geometric mean of the two.
 const SHIFTED_SHARE: f64 = 0.87;
+/// Errors of depth below this share of it are none: a prior that fits a line so well needs no other shape.
+const EXACT: f64 = 1e-3;
 
 /// Shape of the priors of a survey along the ground: a network, or a file format, bends all its maps alike.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -151,7 +153,7 @@ fn shifted_depth(samples: &[(f64, f64)]) -> Option<(GroundCurve, f64)> {
     };
     let depths: Vec<(f64, f64)> = samples.iter().map(|(v, p)| (-v.recip(), -p.recip())).collect();
     let (by_depth, left_by_depth) = left(&depths)?;
-    let share = left(samples).map_or(0.0, |(_, left_by_line)| left_by_depth / left_by_line.max(f64::MIN_POSITIVE));
+    let share = left(samples).map_or(0.0, |(_, left_by_line)| (left_by_depth + EXACT) / (left_by_line + EXACT));
     Some((GroundCurve::ShiftedDepth { scale: by_depth.gain(), shift: -by_depth.offset() }, share))
 }
 
