@@ -296,7 +296,8 @@ impl PaperTables {
              `constant` and `neighbourhood` are told true heights (the median of all; the five nearest others) and stand for what \
              no evidence at all gives. Points: simulated sparse multi-view points with noise, gaps and blunders; making them takes \
              a real pipeline far longer than the times here, which leave it out. \
-             ArcPro and the learned footprint extractors: not reproduced, no public weights or code. ",
+             ArcPro: not reproduced, no public weights or code. The learned footprint extractors (PolyWorld, Pix2Poly, MLS-BRN, OBM) \
+             publish both; they are not run here. ",
         );
         text.push_str(&self.programs.to_markdown());
         text.push_str(&published());

@@ -1,10 +1,9 @@
 //! What the parts of a city share, so that a building comes out the same in all of them.
 
-use glam::DVec3;
-
 use super::{PipelineError, ground_told, input};
 use crate::config::RunConfig;
 use sizeup_geo::terrain::MapBox;
+use sizeup_heights::estimate::LocalFrame;
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::scene::HeightBounds;
 use sizeup_survey::Survey;
@@ -37,13 +36,8 @@ impl Frame {
     }
 }
 
-/// The local frame lies on multiples of this, metres: a house more at the rim of a town leaves it where it is. Small enough
-/// that single precision holds a tenth of a millimetre a kilometre away.
-const ORIGIN_STEP_M: DVec3 = DVec3::new(1000.0, 1000.0, 100.0);
-
-/// The middle of the footprints at the height of the lowest view, in round numbers: the ground need not be known.
+/// Origin in the middle of the footprints, at the height of the lowest view: the ground need not be known.
 pub(super) fn origin(survey: &Survey, area: MapBox) -> LocalOrigin {
-    let lowest_m = survey.views.iter().map(|v| v.camera_from_map.centre().z).reduce(f64::min).unwrap_or(0.0);
-    let middle = (f64::midpoint(area.west_m, area.east_m), f64::midpoint(area.south_m, area.north_m));
-    LocalOrigin((DVec3::new(middle.0, middle.1, lowest_m) / ORIGIN_STEP_M).round() * ORIGIN_STEP_M)
+    let corners = [area.west_m, area.south_m, area.east_m, area.north_m];
+    LocalFrame::origin(survey.views.iter().map(|view| view.camera_from_map.centre()), corners)
 }

@@ -41,7 +41,7 @@ impl PosedCamera {
     /// Pixel at which the photo shows a place of the map; `None` where it does not.
     #[must_use]
     pub fn pixel_of(&self, place: DVec3) -> Option<DVec2> {
-        self.camera.project(self.camera_from_map.point(place)).filter(|pixel| self.camera.contains(*pixel))
+        self.camera.pixel_of(&self.camera_from_map, place)
     }
 }
 

@@ -65,7 +65,7 @@ impl View {
     /// Where the photo shows a place of the map, pixels; `None` where it does not.
     #[must_use]
     pub fn pixel_of(&self, place: DVec3) -> Option<DVec2> {
-        self.camera.project(self.camera_from_map.point(place)).filter(|pixel| self.camera.contains(*pixel))
+        self.camera.pixel_of(&self.camera_from_map, place)
     }
 
     /// Camera and pose.

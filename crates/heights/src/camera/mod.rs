@@ -15,6 +15,8 @@ pub use distortion::Distortion;
 use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
+use crate::frames::{Cam, Map, Rigid};
+
 /// Why camera parameters cannot describe a camera.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CameraError {
@@ -132,6 +134,12 @@ impl Camera {
     #[must_use]
     pub fn contains(&self, pixel: DVec2) -> bool {
         pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x <= f64::from(self.width_px) && pixel.y <= f64::from(self.height_px)
+    }
+
+    /// Pixel at which a photo from a pose shows a place of the map; `None` where it does not.
+    #[must_use]
+    pub fn pixel_of(&self, camera_from_map: &Rigid<Cam, Map>, place: DVec3) -> Option<DVec2> {
+        self.project(camera_from_map.point(place)).filter(|pixel| self.contains(*pixel))
     }
 
     /// The same lens at another image size: pixel positions scale with the image, distortion stays.
