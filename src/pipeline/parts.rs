@@ -2,8 +2,9 @@
 
 use sizeup_footprints::Footprint;
 use sizeup_geo::issue::{Issue, Severity, Subject};
-use sizeup_heights::estimate::{Building, Part, Split};
+use sizeup_heights::estimate::{Building, LevelEvidence, Part, Split};
 use sizeup_heights::ids::BuildingId;
+use sizeup_heights::optimise::LevelGain;
 
 use super::{FootprintStage, HeightStage};
 
@@ -23,10 +24,12 @@ pub(super) fn split_footprints(footprints: &mut FootprintStage, heights: &Height
     let grounds = std::mem::take(&mut footprints.ground);
     let known: Vec<usize> = (0..whole.len()).filter(|&at| grounds[at].is_some()).collect();
     let id_of = |building: usize, path: &[usize]| name_of(&whole[known[building]].id, path);
-    for Split { building, path, n_parts, gain } in &heights.splits {
+    for Split { building, path, n_parts, evidence } in &heights.splits {
         let id = id_of(*building, path);
-        footprints.issues.push(split_note(&id, *n_parts, gain));
-        footprints.levels.push((id, gain.clone()));
+        footprints.issues.push(split_note(&id, *n_parts, evidence));
+        if let LevelEvidence::Priors(gain) = evidence {
+            footprints.levels.push((id, gain.clone()));
+        }
     }
     let mut joined: Vec<BuildingId> = heights.joined.iter().map(|(building, path)| id_of(*building, path)).collect();
     joined.sort();
@@ -69,17 +72,35 @@ fn name_of(whole: &BuildingId, path: &[usize]) -> BuildingId {
     BuildingId(path.iter().fold(whole.0.clone(), |id, number| format!("{id}#{number}")))
 }
 
-fn split_note(id: &BuildingId, n_parts: usize, gain: &sizeup_heights::optimise::LevelGain) -> Issue {
+fn split_note(id: &BuildingId, n_parts: usize, evidence: &LevelEvidence) -> Issue {
+    let (message, hint) = match evidence {
+        LevelEvidence::Priors(gain) => {
+            (split_by_priors(n_parts, gain), "optimise.search.split_levels = false keeps footprints whole")
+        }
+        LevelEvidence::Photos(heights_m) => {
+            (split_by_photos(heights_m), "look at the parts in the report; correct the footprint if the cut is wrong")
+        }
+    };
+    Issue::new(Severity::Note, "footprint_split", Subject::Building(id.to_string()), message).hint(hint)
+}
+
+fn split_by_priors(n_parts: usize, gain: &LevelGain) -> String {
     let one = gain.one.iter().map(|(_, score)| *score).fold(f64::NEG_INFINITY, f64::max);
     let [inner_m, outer_m] = gain.heights_m;
     let (low_m, high_m) = (inner_m.min(outer_m), inner_m.max(outer_m));
-    let message = format!(
+    format!(
         "its footprint holds roofs at two levels, about {low_m:.0} and {high_m:.0} m, and was split into {n_parts} parts: \
          over {} photos two levels score {:.2}, one level {one:.2} at best",
         gain.n_views, gain.two
-    );
-    let note = Issue::new(Severity::Note, "footprint_split", Subject::Building(id.to_string()), message);
-    note.hint("optimise.search.split_levels = false keeps footprints whole")
+    )
+}
+
+fn split_by_photos(heights_m: &[f64]) -> String {
+    let levels: Vec<String> = heights_m.iter().map(|height_m| format!("{height_m:.1}")).collect();
+    format!(
+        "the photos show roofs at several levels in its footprint ({} m): it was split into parts",
+        levels.join(", ")
+    )
 }
 
 fn joined_note(id: &BuildingId) -> Issue {

@@ -83,6 +83,7 @@ pub mod render;
 pub mod scene;
 pub mod seed;
 pub mod simd;
+mod split;
 pub mod stats;
 pub mod terrain;
 pub mod views;

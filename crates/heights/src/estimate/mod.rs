@@ -14,9 +14,10 @@ mod parts;
 mod refinement;
 mod rounds;
 mod simple;
-mod split;
 mod task;
 
 pub use rounds::{Solver, estimate, estimate_with, move_footprints, view_inputs};
 pub use simple::{BuildingHeight, PartHeight, Settings, View, estimate_heights};
-pub use task::{Building, Heights, LocalFrame, MethodSettings, NamedCamera, Part, Photos, Priors, Split, Task};
+pub use task::{
+    Building, Heights, LevelEvidence, LocalFrame, MethodSettings, NamedCamera, Part, Photos, Priors, Split, Task,
+};

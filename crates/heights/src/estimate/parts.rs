@@ -5,11 +5,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use geo::{Area as _, Contains as _, InteriorPoint as _};
 use geo_types::{LineString, Polygon};
 
-use super::split::{pieces, with_corners_of};
-use super::task::{Building, Part, Split};
+use super::task::{Building, LevelEvidence, Part, Split};
 use crate::frames::LocalOrigin;
 use crate::optimise::{LevelGain, OtherLevel, SolvedHeight};
+use crate::split::{divide, with_corners_of};
 
+/// Pieces of cuts by the priors smaller than this go to the other side, m².
+const MIN_PIECE_M2: f64 = 12.0;
 /// The step between two levels has to exceed this many standard deviations.
 const CLEAR_SIGMAS: f64 = 2.0;
 
@@ -66,13 +68,16 @@ impl Parts {
         let mut former = Vec::with_capacity(n_before);
         for (at, part) in before.into_iter().enumerate() {
             let cut = by_id.get(&(part.building, part.path.clone()));
-            let Some((cut, pieces)) = cut.and_then(|cut| Some((cut, pieces(&part.footprint, &cut.other)?))) else {
+            let sides = |cut: &Cut| divide(&part.footprint.clone().into(), &cut.other, MIN_PIECE_M2);
+            let Some((cut, sides)) = cut.and_then(|cut| Some((cut, sides(cut)?))) else {
                 self.parts.push(part);
                 former.push(Some(at));
                 continue;
             };
+            let pieces: Vec<Polygon<f64>> = sides.into_iter().flatten().collect();
             let (building, path) = cut.id.clone();
-            self.splits.push(Split { building, path, n_parts: pieces.len(), gain: cut.gain.clone() });
+            let evidence = LevelEvidence::Priors(cut.gain.clone());
+            self.splits.push(Split { building, path, n_parts: pieces.len(), evidence });
             for (i, footprint) in pieces.into_iter().enumerate() {
                 let path = part.path.iter().copied().chain([i + 1]).collect();
                 self.parts.push(Part { path, footprint, ..part });
@@ -85,7 +90,7 @@ impl Parts {
 
     /// Gives parts of one building each other's corners where a part was split once more: the corners of its pieces lie on edges of
     /// the others.
-    fn share_corners(&mut self, former: &[Option<usize>]) {
+    pub fn share_corners(&mut self, former: &[Option<usize>]) {
         let mut by_building: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (at, part) in self.parts.iter().enumerate().filter(|(_, part)| !part.path.is_empty()) {
             by_building.entry(part.building).or_default().push(at);

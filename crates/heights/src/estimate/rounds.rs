@@ -100,7 +100,7 @@ impl Rounds<'_> {
         }
         // Photos show roofs where they are.
         move_footprints(&mut scene, &solution);
-        let unread_photos = self.refine(&scene, &mut solution);
+        let unread_photos = self.refine(&mut scene, &mut parts, &mut solution);
         mark_towers(&scene, &mut solution);
         mark_small(&scene, &mut solution);
         let Parts { parts, splits } = parts;
@@ -150,16 +150,17 @@ impl Rounds<'_> {
         solution
     }
 
-    /// Refines the roofs by the photos. Returns the photos that cannot be read, and why.
-    fn refine(&self, scene: &Scene, solution: &mut Solution) -> Vec<(usize, String)> {
+    /// Refines the roofs by the photos, and splits footprints where these show several levels. Returns the photos that cannot be read,
+    /// and why.
+    fn refine(&self, scene: &mut Scene, parts: &mut Parts, solution: &mut Solution) -> Vec<(usize, String)> {
         let Some(photos) = self.task.photos.filter(|_| self.settings.refines_roofs()) else { return Vec::new() };
         let refinement = Refinement {
-            scene,
             settings: &self.settings.refinement,
             reference: self.settings.optimise.height_reference,
             moved_m: self.moved_m,
+            split_levels: self.settings.optimise.search.split_levels,
         };
-        refinement.run(self.task.views, photos, solution)
+        refinement.run(self.task.views, photos, scene, parts, solution)
     }
 }
 

@@ -169,7 +169,17 @@ impl Part {
     }
 }
 
-/// A footprint that was split because its roof has two levels.
+/// Evidence that a footprint holds roofs at several levels.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LevelEvidence {
+    /// Depth priors: two levels explain them better than one.
+    Priors(LevelGain),
+    /// Photos, which look alike on roofs at these heights above the ground, metres, and less so on one roof.
+    Photos(Vec<f64>),
+}
+
+/// A footprint that was split because its roofs stand at several levels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Split {
     /// Position of the building in [`Task::buildings`].
@@ -179,8 +189,8 @@ pub struct Split {
     pub path: Vec<usize>,
     /// Number of parts that it was split into.
     pub n_parts: usize,
-    /// Gain of two levels over one.
-    pub gain: LevelGain,
+    /// Evidence for it.
+    pub evidence: LevelEvidence,
 }
 
 /// Result of the method.

@@ -62,6 +62,13 @@ impl Prism {
         Self { corners, ring_starts, ground_z: level(ground.reference_m), base_z: level(ground.lowest_m) }
     }
 
+    /// The same on the same ground with another footprint, map frame.
+    #[must_use]
+    pub fn with_footprint(&self, polygon: &Polygon<f64>, origin: LocalOrigin) -> Self {
+        let anywhere = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+        Self { ground_z: self.ground_z, base_z: self.base_z, ..Self::new(polygon, anywhere, origin) }
+    }
+
     /// The same moved along the ground, metres, after all walls have moved outwards by so much (negative: inwards).
     #[must_use]
     pub fn moved(&self, by: Vec2, outwards_m: f32) -> Self {

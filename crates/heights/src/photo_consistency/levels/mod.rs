@@ -23,7 +23,7 @@ mod evidence;
 mod grid;
 mod surfaces;
 
-use geo::{Area as _, BooleanOps as _, MultiPolygon};
+use geo::{BooleanOps as _, MultiPolygon};
 use geo_types::Polygon;
 use glam::DVec3;
 
@@ -34,6 +34,7 @@ use surfaces::{HeightSweep, RoofSurface};
 
 use super::MIN_PHOTOS;
 use crate::picture::Picture;
+use crate::split::divide;
 
 /// Most parts of an outline.
 const MAX_PARTS: usize = 4;
@@ -155,23 +156,15 @@ fn part(grid: &Grid, region: &Region, outline: &Polygon<f64>) -> Option<[Region;
         let is_on_side = |(&i, is_in): (&usize, &bool)| *is_in && rectangle.contains(grid, i) == is_inner;
         grid.cells.iter().zip(&region.is_in).map(is_on_side).collect::<Vec<bool>>()
     });
-    let rectangle = rectangle.polygon(grid);
-    let (within, slivers_within) = by_size(region.polygon.intersection(&rectangle));
-    let (beyond, slivers_beyond) = by_size(region.polygon.difference(&rectangle));
-    let is_empty = |is_in: &[bool]| !is_in.contains(&true);
-    if within.0.is_empty() || beyond.0.is_empty() || is_empty(&inner) || is_empty(&outer) {
+    if !inner.contains(&true) || !outer.contains(&true) {
         return None;
     }
+    let [within, beyond] = divide(&region.polygon, &rectangle.polygon(grid), MIN_PIECE_M2)?;
     let [inside, outside] = surfaces.clone();
     Some([
-        Region { is_in: inner, polygon: within.union(&slivers_beyond), surface: inside, next: NextCut::Unknown },
-        Region { is_in: outer, polygon: beyond.union(&slivers_within), surface: outside, next: NextCut::Unknown },
+        Region { is_in: inner, polygon: within, surface: inside, next: NextCut::Unknown },
+        Region { is_in: outer, polygon: beyond, surface: outside, next: NextCut::Unknown },
     ])
-}
-
-fn by_size(pieces: MultiPolygon<f64>) -> (MultiPolygon<f64>, MultiPolygon<f64>) {
-    let (large, small) = pieces.0.into_iter().partition(|piece| piece.unsigned_area() >= MIN_PIECE_M2);
-    (MultiPolygon::new(large), MultiPolygon::new(small))
 }
 
 /// Joins regions that lie side by side at the same level.
@@ -216,7 +209,7 @@ fn raised(place: DVec3, by_m: f64) -> DVec3 {
 mod tests {
     use crate::camera::Camera;
     use crate::frames::Rigid;
-    use geo::BoundingRect as _;
+    use geo::{Area as _, BoundingRect as _};
     use geo_types::{Rect, coord};
     use glam::DVec2;
 

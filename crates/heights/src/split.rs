@@ -1,31 +1,25 @@
-//! Footprints split where a building has more than one roof level.
+//! Footprints split along a polygon.
 
 use geo::{Area as _, BooleanOps as _, CoordsIter as _, Distance as _, Euclidean};
 use geo_types::{Coord, LineString, MultiPolygon, Point, Polygon};
 
-/// Pieces smaller than this go to the other side of the cut, m².
-const MIN_PIECE_M2: f64 = 12.0;
-
 /// Corners this near to an edge are on it, metres: results are written in millimetres.
 const ON_EDGE_M: f64 = 1e-3;
 
-/// The pieces of a footprint inside and outside of another polygon, the inner ones first; `None` if either side has none
-/// of a useful size. The pieces share their border and cover the footprint.
+/// A region inside and outside of another polygon; `None` if either side has no piece of `min_m2`. Smaller pieces go to the other side,
+/// so that both share their border and cover the region.
 #[must_use]
-pub fn pieces(footprint: &Polygon<f64>, other: &Polygon<f64>) -> Option<Vec<Polygon<f64>>> {
-    let (inner, inner_slivers) = by_size(footprint.intersection(other));
-    let (outer, outer_slivers) = by_size(footprint.difference(other));
+pub fn divide(region: &MultiPolygon<f64>, other: &Polygon<f64>, min_m2: f64) -> Option<[MultiPolygon<f64>; 2]> {
+    let by_size = |pieces: MultiPolygon<f64>| -> (MultiPolygon<f64>, MultiPolygon<f64>) {
+        let (large, small) = pieces.0.into_iter().partition(|piece| piece.unsigned_area() >= min_m2);
+        (MultiPolygon::new(large), MultiPolygon::new(small))
+    };
+    let (inner, inner_slivers) = by_size(region.intersection(other));
+    let (outer, outer_slivers) = by_size(region.difference(other));
     if inner.0.is_empty() || outer.0.is_empty() {
         return None;
     }
-    let inner = inner.union(&outer_slivers);
-    let outer = outer.union(&inner_slivers);
-    Some(inner.0.into_iter().chain(outer.0).collect())
-}
-
-fn by_size(pieces: MultiPolygon<f64>) -> (MultiPolygon<f64>, MultiPolygon<f64>) {
-    let (large, small) = pieces.0.into_iter().partition(|piece| piece.unsigned_area() >= MIN_PIECE_M2);
-    (MultiPolygon::new(large), MultiPolygon::new(small))
+    Some([inner.union(&outer_slivers), outer.union(&inner_slivers)])
 }
 
 /// The footprint with corners of its neighbours that lie on its edges made corners of its own, so that rounding moves both
@@ -64,22 +58,27 @@ mod tests {
         Rect::new(coord! { x: x0, y: y0 }, coord! { x: x1, y: y1 }).to_polygon()
     }
 
+    /// A footprint of 40 × 30 m.
+    fn divided(other: &Polygon<f64>) -> Option<[MultiPolygon<f64>; 2]> {
+        divide(&rectangle(0.0, 0.0, 40.0, 30.0).into(), other, 12.0)
+    }
+
     #[test]
     fn a_tower_inside_its_podium_leaves_a_ring_around_it() {
-        let pieces = pieces(&rectangle(0.0, 0.0, 40.0, 30.0), &rectangle(10.0, 8.0, 22.0, 20.0)).unwrap();
-        assert_eq!(pieces.len(), 2);
-        assert!((pieces[0].unsigned_area() - 144.0).abs() < 1e-6);
-        assert_eq!(pieces[1].interiors().len(), 1);
-        assert!((pieces[1].unsigned_area() - (1200.0 - 144.0)).abs() < 1e-6);
+        let [tower, podium] = divided(&rectangle(10.0, 8.0, 22.0, 20.0)).unwrap();
+        assert_eq!((tower.0.len(), podium.0.len()), (1, 1));
+        assert!((tower.unsigned_area() - 144.0).abs() < 1e-6);
+        assert_eq!(podium.0[0].interiors().len(), 1);
+        assert!((podium.unsigned_area() - (1200.0 - 144.0)).abs() < 1e-6);
     }
 
     #[test]
     fn slivers_beside_the_cut_go_to_the_part_they_touch() {
         // 0.2 m of the footprint stay beyond the rectangle on three sides.
-        let pieces = pieces(&rectangle(0.0, 0.0, 40.0, 30.0), &rectangle(20.0, 0.2, 39.8, 29.8)).unwrap();
-        let area: f64 = pieces.iter().map(geo::Area::unsigned_area).sum();
+        let sides = divided(&rectangle(20.0, 0.2, 39.8, 29.8)).unwrap();
+        let area: f64 = sides.iter().map(geo::Area::unsigned_area).sum();
         assert!((area - 1200.0).abs() < 1e-6, "nothing is lost");
-        assert!(pieces.iter().all(|p| p.unsigned_area() > 12.0), "no slivers");
+        assert!(sides.iter().flatten().all(|piece| piece.unsigned_area() > 12.0), "no slivers");
     }
 
     #[test]
@@ -100,8 +99,7 @@ mod tests {
 
     #[test]
     fn a_cut_that_misses_or_swallows_the_footprint_is_none() {
-        let footprint = rectangle(0.0, 0.0, 40.0, 30.0);
-        assert_eq!(pieces(&footprint, &rectangle(50.0, 0.0, 60.0, 30.0)), None);
-        assert_eq!(pieces(&footprint, &rectangle(-1.0, -1.0, 41.0, 31.0)), None);
+        assert_eq!(divided(&rectangle(50.0, 0.0, 60.0, 30.0)), None);
+        assert_eq!(divided(&rectangle(-1.0, -1.0, 41.0, 31.0)), None);
     }
 }

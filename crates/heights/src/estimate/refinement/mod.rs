@@ -9,6 +9,8 @@
 //! σ₂² = s²/p                              p: share of the roof's places that the photos find on the roof
 //! ```
 
+mod levels;
+
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -17,6 +19,7 @@ use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
+use super::parts::Parts;
 use super::task::{NamedCamera, Photos};
 use crate::optimise::{self, Doubts, Roof, Solution, SolvedHeight};
 use crate::photo_consistency::{
@@ -76,18 +79,27 @@ const OTHER_FORM_SCORE: f64 = 0.02;
 
 /// Refinement of the roofs of a scene.
 pub(super) struct Refinement<'a> {
-    pub scene: &'a Scene,
     pub settings: &'a RefinementConfig,
     /// Which of a roof's heights is stated.
     pub reference: HeightReference,
     /// Offset that the photos were moved by, map frame, metres.
     pub moved_m: DVec3,
+    /// Whether footprints are split where the photos show several roof levels.
+    pub split_levels: bool,
 }
 
 impl Refinement<'_> {
-    /// Raises and lowers the roofs of a solution to where the photos look alike. Returns the photos that cannot be read, and why.
-    pub fn run(&self, views: &[NamedCamera], photos: &dyn Photos, solution: &mut Solution) -> Vec<(usize, String)> {
-        let &Self { scene, settings, reference, moved_m } = self;
+    /// Raises and lowers the roofs of a solution to where the photos look alike, and splits footprints that hold several roof levels.
+    /// Returns the photos that cannot be read, and why.
+    pub fn run(
+        &self,
+        views: &[NamedCamera],
+        photos: &dyn Photos,
+        scene: &mut Scene,
+        parts: &mut Parts,
+        solution: &mut Solution,
+    ) -> Vec<(usize, String)> {
+        let &Self { settings, reference, moved_m, split_levels } = self;
         let with_photo: Vec<usize> = (0..views.len()).filter(|&view| photos.has(view)).collect();
         if with_photo.len() < MIN_PHOTOS {
             return Vec::new();
@@ -97,22 +109,20 @@ impl Refinement<'_> {
             PosedCamera { camera, camera_from_map: camera_from_map.moved(moved_m) }
         };
         let cameras: Vec<PosedCamera> = with_photo.iter().map(posed).collect();
-        let roof_m = |solved: &SolvedHeight| solved.roof.map_or(0.0, |roof| roof.mean_m as f32);
-        let heights_m: Vec<f32> = solution.heights.iter().map(roof_m).collect();
-        let tracer = SceneTracer::new(scene, &heights_m);
-        let unread = Mutex::default();
         let picture = |photo: usize| {
             let read = photos.picture(with_photo[photo]);
             read.map(|picture| if moved_m == DVec3::ZERO { picture } else { Arc::new(picture.moved(moved_m)) })
         };
-        let roofs = Roofs { scene, settings, cameras: &cameras, tracer: &tracer, picture: &picture, unread: &unread };
-        let mut found = vec![None; heights_m.len()];
-        for together in roofs.by_square().chunks(N_TOGETHER) {
-            let refine = |&b: &usize| (b, roofs.refine(b, solution.heights[b].roof.as_ref()));
-            for (b, refined) in together.par_iter().map(refine).collect::<Vec<_>>() {
-                found[b] = refined;
-            }
-        }
+        let unread = Mutex::default();
+        let album = Album { settings, cameras: &cameras, picture: &picture, unread: &unread };
+        let (found, found_levels) = {
+            let tracer = SceneTracer::new(scene, &roof_heights(&solution.heights));
+            let roofs = Roofs { scene, tracer: &tracer, album: &album };
+            let found = roofs.refine_all(&solution.heights);
+            let levels = if split_levels { roofs.find_levels(parts, &solution.heights) } else { Vec::new() };
+            (found, levels)
+        };
+        let found = levels::split(&album, scene, parts, &mut solution.heights, found, found_levels);
         let spreads_m = spreads_m(scene, &found);
         for ((solved, found), around_m) in solution.heights.iter_mut().zip(found).zip(spreads_m) {
             // Where no roof around is one on which the photos agree, they have shown nothing of their poses.
@@ -128,6 +138,11 @@ impl Refinement<'_> {
     }
 }
 
+/// Mean heights of roofs, metres; 0 where there is none.
+fn roof_heights(heights: &[SolvedHeight]) -> Vec<f32> {
+    heights.iter().map(|solved| solved.roof.map_or(0.0, |roof| roof.mean_m as f32)).collect()
+}
+
 /// The roof that the photos show and the standard deviation to state, metres, where they are clear, and more certain than the priors.
 fn believed(
     solved: &SolvedHeight,
@@ -135,8 +150,8 @@ fn believed(
     around_m: f64,
     settings: &RefinementConfig,
 ) -> Option<(Roof, f64)> {
-    let Refined { score, lead, sigma_m, raised_m } = found.refined;
-    if !found.is_one_surface || score < settings.min_score || lead < settings.min_lead {
+    let Refined { sigma_m, raised_m, .. } = found.refined;
+    if !found.is_clear(settings) {
         return None;
     }
     let sigma_m = (SPREAD_SHARE * sigma_m.max(around_m)).hypot(SYSTEMATIC_M).hypot(found.form_m);
@@ -214,6 +229,13 @@ struct FoundRoof {
     is_one_surface: bool,
 }
 
+impl FoundRoof {
+    /// Whether the photos agree on all of it, and on nothing else as well.
+    fn is_clear(&self, settings: &RefinementConfig) -> bool {
+        self.is_one_surface && self.refined.score >= settings.min_score && self.refined.lead >= settings.min_lead
+    }
+}
+
 /// Standard deviation of heights over roofs, by how alike the photos look on each: heights and scores.
 fn form_m(roofs: impl Iterator<Item = (f64, f64)>) -> f64 {
     let roofs: Vec<(f64, f64)> = roofs.collect();
@@ -227,20 +249,41 @@ fn form_m(roofs: impl Iterator<Item = (f64, f64)>) -> f64 {
     mean_of(&|height_m| (height_m - mean_m).powi(2)).sqrt()
 }
 
-/// Input of the look at roofs.
-struct Roofs<'a> {
-    scene: &'a Scene,
+/// Photos with their cameras.
+struct Album<'a> {
     settings: &'a RefinementConfig,
-    /// Cameras of the photos.
     cameras: &'a [PosedCamera],
-    tracer: &'a SceneTracer<'a>,
     /// Reads a photo, by its position among the cameras.
     picture: &'a (dyn Fn(usize) -> Result<Arc<Picture>, String> + Sync),
     /// By photo: why it cannot be read.
     unread: &'a Mutex<BTreeMap<usize, String>>,
 }
 
+/// Roofs of a scene, and the photos that show them.
+struct Roofs<'a> {
+    scene: &'a Scene,
+    /// Of the scene with all roofs at their heights.
+    tracer: &'a SceneTracer<'a>,
+    album: &'a Album<'a>,
+}
+
 impl Roofs<'_> {
+    /// By building: the roof on which the photos look alike most.
+    fn refine_all(&self, heights: &[SolvedHeight]) -> Vec<Option<FoundRoof>> {
+        self.for_each(&|b| self.refine(b, heights[b].roof.as_ref()))
+    }
+
+    /// Calls a function for each building, neighbours together so that they share photos.
+    fn for_each<T: Send>(&self, of: &(dyn Fn(usize) -> Option<T> + Sync)) -> Vec<Option<T>> {
+        let mut results: Vec<Option<T>> = self.scene.prisms.iter().map(|_| None).collect();
+        for together in self.by_square().chunks(N_TOGETHER) {
+            for (b, result) in together.par_iter().map(|&b| (b, of(b))).collect::<Vec<_>>() {
+                results[b] = result;
+            }
+        }
+        results
+    }
+
     /// All buildings, neighbours together.
     fn by_square(&self) -> Vec<usize> {
         let square = |b: usize| {
@@ -254,7 +297,7 @@ impl Roofs<'_> {
 
     /// The roof on which the photos look alike most, at the height where they do.
     fn refine(&self, building: usize, roof: Option<&Roof>) -> Option<FoundRoof> {
-        let (prism, settings, found) = (&self.scene.prisms[building], self.settings, roof?);
+        let (prism, settings, found) = (&self.scene.prisms[building], self.album.settings, roof?);
         // A step takes places away: none has more than the flat one, which comes first.
         let mut candidates = optimise::candidates(prism, found, settings.clear_m as f32, settings.n_points);
         candidates.retain(|(_, places)| places.len() >= MIN_PLACES);
@@ -313,7 +356,7 @@ impl Roofs<'_> {
         refined: &Refined,
         is_step_lost: bool,
     ) -> (PhotoAgreement, bool) {
-        let settings = self.settings;
+        let settings = self.album.settings;
         let in_map = |raised_m: f64| -> Vec<DVec3> {
             let origin = self.scene.origin.0 + raised_m * DVec3::Z;
             places.iter().map(|p| p.as_dvec3() + origin).collect()
@@ -331,17 +374,18 @@ impl Roofs<'_> {
     /// The photos to compare on a roof: from all sides, those that nothing hides it from.
     fn pictures(&self, building: usize, level: &[Vec3]) -> Option<Vec<Arc<Picture>>> {
         let middle = (level.iter().sum::<Vec3>() / level.len() as f32).as_dvec3() + self.scene.origin.0;
-        let sees = |photo: usize| self.sees(&self.cameras[photo], building, level);
-        let choose = |flattest| photo_consistency::choose(self.cameras, middle, self.settings.n_photos, flattest, sees);
+        let Album { settings, cameras, picture, unread } = self.album;
+        let sees = |photo: usize| self.sees(&cameras[photo], building, level);
+        let choose = |flattest| photo_consistency::choose(cameras, middle, settings.n_photos, flattest, sees);
         let mut chosen = choose(FLATTEST);
         if chosen.len() < MIN_PHOTOS {
             chosen = choose(FLATTEST_OF_FEW);
         }
         // A photo that cannot be read is told of and left out: the others will do.
-        let read = |&photo: &usize| match (self.picture)(photo) {
+        let read = |&photo: &usize| match picture(photo) {
             Ok(picture) => Some(picture),
             Err(why) => {
-                self.unread.lock().unwrap_or_else(PoisonError::into_inner).insert(photo, why);
+                unread.lock().unwrap_or_else(PoisonError::into_inner).insert(photo, why);
                 None
             }
         };
