@@ -224,7 +224,8 @@ pub(super) fn run_config(config: &RunConfig, options: &RunOptions, global: &Glob
     Ok(summary)
 }
 
-pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
+/// Prints the summary of a run on stderr.
+pub fn tell_summary(ui: &Ui, summary: &RunSummary) {
     let seconds: Vec<String> = summary.seconds.iter().map(|(stage, s)| format!("{stage} {s:.1} s")).collect();
     for doubt in &summary.implausible {
         ui.say(format!("THE RESULT IS IMPLAUSIBLE: {doubt}"));

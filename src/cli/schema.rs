@@ -9,7 +9,6 @@ use serde_json::Value;
 use super::{Failure, ProgressEvent, print_json};
 use crate::config::RunConfig;
 use sizeup_geo::files::write_json;
-use sizeup_lab::simulate::SimulateConfig;
 use sizeup_photos::align::AlignReport;
 use sizeup_results::changes::ChangesReport;
 use sizeup_results::output::cityjson::extension_schema;
@@ -30,8 +29,6 @@ pub struct SchemaArgs {
 pub enum SchemaName {
     /// Configuration of `sizeup run`.
     Run,
-    /// Configuration of `sizeup simulate`.
-    Simulate,
     /// `changes.json`, which `sizeup changes` writes.
     Changes,
     /// `align.json`, which `sizeup survey align` and runs that align write.
@@ -49,7 +46,6 @@ pub fn schema(name: SchemaName) -> Value {
     let readable = |schema: schemars::Schema| serde_json::to_value(schema).unwrap_or_default();
     match name {
         SchemaName::Run => readable(schemars::schema_for!(RunConfig)),
-        SchemaName::Simulate => readable(schemars::schema_for!(SimulateConfig)),
         SchemaName::Changes => readable(schemars::schema_for!(ChangesReport)),
         SchemaName::Align => readable(schemars::schema_for!(AlignReport)),
         SchemaName::Progress => readable(schemars::schema_for!(ProgressEvent)),
@@ -62,7 +58,6 @@ impl SchemaName {
     fn file_name(self) -> &'static str {
         match self {
             Self::Run => "run.schema.json",
-            Self::Simulate => "simulate.schema.json",
             Self::Changes => "changes.schema.json",
             Self::Align => "align.schema.json",
             Self::Progress => "progress.schema.json",

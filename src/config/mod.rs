@@ -584,7 +584,7 @@ mod tests {
     fn the_assignment_that_brings_a_mistake_in_is_blamed_for_it() {
         let set = |assignments: &[&str]| {
             let assignments: Vec<String> = assignments.iter().map(|&a| a.to_owned()).collect();
-            parse_scene::<sizeup_lab::simulate::SimulateConfig>("", None, &assignments).unwrap_err()
+            parse_scene::<sizeup_truth::simulate::SimulateConfig>("", None, &assignments).unwrap_err()
         };
         // Both name the key; one of them may.
         for assignments in
@@ -592,7 +592,7 @@ mod tests {
         {
             let ConfigError::Set { assignment, hint, .. } = set(&assignments) else { panic!() };
             assert_eq!(assignment, "images.longest_px=640");
-            assert!(hint.contains("schema simulate"), "{hint}");
+            assert!(hint.contains("`sizeup-lab schema`"), "{hint}");
         }
     }
 

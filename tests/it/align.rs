@@ -10,6 +10,8 @@ use glam::{DMat3, DQuat, DVec3};
 use serde_json::Value;
 use tempfile::TempDir;
 
+use crate::tiny_scene::lab;
+
 fn sizeup(args: &[&str], threads: &str) -> Output {
     Command::cargo_bin("sizeup").unwrap().args(args).env("RAYON_NUM_THREADS", threads).output().unwrap()
 }
@@ -63,7 +65,7 @@ fn simulate(folder: &Path, position_m: &str, angle_deg: &str) {
     ];
     let mut args = vec!["simulate", "--preset", "district", "--output", folder.to_str().unwrap()];
     settings.iter().chain([&position.as_str(), &angle.as_str()]).for_each(|setting| args.extend(["--set", setting]));
-    let made = sizeup(&args, "2");
+    let made = lab().args(&args).env("RAYON_NUM_THREADS", "2").output().unwrap();
     assert!(made.status.success(), "{}", text_of(&made.stderr));
 }
 

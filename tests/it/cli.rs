@@ -17,19 +17,7 @@ fn outcome(args: &[&str]) -> Outcome {
 fn help_of_every_subcommand_reads_well() {
     let overview = outcome(&["--help"]);
     assert_eq!((overview.code, &*overview.stderr), (0, ""));
-    let commands = [
-        "init",
-        "run",
-        "footprints",
-        "simulate",
-        "evaluate",
-        "changes",
-        "baseline",
-        "look",
-        "benchmark",
-        "demo",
-        "schema",
-    ];
+    let commands = ["init", "run", "footprints", "evaluate", "changes", "look", "demo", "schema"];
     for command in commands {
         assert!(overview.stdout.lines().any(|line| line.trim_start().starts_with(command)), "{}", overview.stdout);
         let help = outcome(&[command, "--help"]);
@@ -57,6 +45,17 @@ fn a_call_without_arguments_shows_the_help_and_is_a_usage_error() {
     let unknown = outcome(&["measure"]);
     assert_eq!((unknown.code, &*unknown.stdout), (2, ""));
     assert!(unknown.stderr.contains("measure"));
+}
+
+#[test]
+fn a_command_of_the_laboratory_is_a_usage_error_with_a_hint() {
+    for command in ["baseline", "benchmark", "simulate"] {
+        let overview = outcome(&["--help"]).stdout;
+        assert!(!overview.lines().any(|line| line.trim_start().starts_with(command)), "{overview}");
+        let refused = outcome(&[command, "--output", "out"]);
+        assert_eq!((refused.code, &*refused.stdout), (2, ""));
+        assert!(refused.stderr.contains(&format!("`sizeup-lab {command}`")), "{}", refused.stderr);
+    }
 }
 
 #[test]
@@ -343,7 +342,7 @@ fn evaluating_what_cannot_be_compared_is_bad_input() {
 fn simulating_nonsense_is_a_usage_error() {
     let scene = Scene::new();
     for set in ["town.n_buildings=0", "camera.width_px=3", "flight.patern=free"] {
-        let refused = scene.sizeup(&["simulate", "--output", "out", "--set", set]);
+        let refused = scene.lab(&["simulate", "--output", "out", "--set", set]);
         assert_eq!((refused.code, &*refused.stdout), (2, ""), "{set}: {}", refused.stderr);
         assert!(!scene.path("out").exists());
     }

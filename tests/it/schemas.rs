@@ -7,11 +7,14 @@ use std::path::Path;
 use assert_cmd::Command;
 use serde_json::{Map, Value};
 
+use crate::tiny_scene::lab;
+
 #[test]
 fn the_committed_schemas_are_what_the_code_writes() {
     let folder = tempfile::tempdir().unwrap();
     let mut sizeup = Command::new(env!("CARGO_BIN_EXE_sizeup"));
     sizeup.args(["schema", "--output"]).arg(folder.path()).assert().success().stdout("");
+    lab().args(["schema", "--output"]).arg(folder.path()).assert().success().stdout("");
     let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("schemas");
     let names = |folder: &Path| {
         let names = fs::read_dir(folder).map(|entries| entries.map(|e| e.unwrap().file_name()).collect::<Vec<_>>());
@@ -119,7 +122,7 @@ fn the_reference_has_each_key_once_where_it_belongs() {
     let reference = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/reference.md")).unwrap();
     let (_, settings) = reference.split_once("## Configuration of `sizeup run`").unwrap();
     let (open, rest) = settings.split_once("## Expert settings of `sizeup run`").unwrap();
-    let (expert, _) = rest.split_once("## Configuration of `sizeup simulate`").unwrap();
+    let (expert, _) = rest.split_once("## Configuration of `sizeup-lab simulate`").unwrap();
     let n_of = |part: &str, key: &str| part.lines().filter(|line| line.starts_with(&format!("| `{key}` |"))).count();
     for key in ["crs", "working_px", "vertical_reference"] {
         assert!(n_of(open, key) > 0, "{key} is not among the keys that a user meets");
