@@ -385,7 +385,6 @@ fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, 
     issues.extend(footprints.layer.issues.iter().chain(&footprints.issues).cloned());
     issues.extend(view_issues(survey, heights).chain(unstated_reference(config)));
     issues.extend(moved_footprints(footprints, heights));
-    issues.extend(config.notes().iter().cloned());
     issues
 }
 

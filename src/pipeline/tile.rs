@@ -60,8 +60,6 @@ pub struct PartHeights {
 
 /// Path at which the footprints of a whole city are kept for its parts, if they were found in photos; in the folder of the results.
 const FOUND_FOOTPRINTS: &str = "tiles/footprints.gpkg";
-/// Path at which plans of the version before have them, and the name of the layer; read for one version.
-const FOUND_BEFORE: [&str; 2] = ["tiles/outlines.gpkg", "outlines"];
 
 /// The layer that parts of a city read their footprints from: the configuration's, or the one that [`find_footprints`] leaves
 /// behind.
@@ -80,12 +78,7 @@ pub fn layer_of(config: &RunConfig) -> Result<Cow<'_, FootprintConfig>, Pipeline
             hint: "set footprints.consensus.roof_rounds = 0: roofs are then laid where the photos' footprints fit best",
         });
     }
-    let [path, before] = [FOUND_FOOTPRINTS, FOUND_BEFORE[0]].map(|name| config.project.output.join(name));
-    if !path.exists() && before.exists() {
-        let layer = Some(FOUND_BEFORE[1].to_owned());
-        return Ok(Cow::Owned(FootprintConfig { layer, ..sizeup_footprints::plain_config(before) }));
-    }
-    Ok(Cow::Owned(sizeup_footprints::plain_config(path)))
+    Ok(Cow::Owned(sizeup_footprints::plain_config(config.project.output.join(FOUND_FOOTPRINTS))))
 }
 
 /// Finds the footprints of a whole city in its photos, once for all of its parts; returns what was refused, and issues, without
@@ -141,7 +134,6 @@ pub fn footprints_around(
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PartHashes {
     /// Footprints, each with its ground.
-    #[serde(alias = "outlines")]
     pub footprints: Content,
     /// The terrain around them, as it was read; `None` where no footprint has ground.
     pub terrain: Option<Content>,

@@ -243,23 +243,11 @@ fn a_configuration_that_is_not_there_is_named() {
 }
 
 #[test]
-fn flags_stand_for_a_configuration_file() {
-    let scene = Scene::new();
-    // The simulated model is local: its offset has to be given too.
-    let text = fs::read_to_string(scene.path("sizeup.toml")).unwrap();
-    let offset = text.lines().find(|line| line.starts_with("offset")).unwrap().replace(" = ", "=");
-    let flags = ["run", "--crs", "EPSG:25832", "--survey", "sparse", "--footprints", "footprints.gpkg"];
-    let more = ["--dtm", "dtm.tif", "--priors", "priors/{stem}.npy", "--prior-kind", "inverse-depth"];
-    let set = format!("survey.{offset}");
-    let low =
-        ["--output", "flags", "--set", &set, "--set", "optimise.working_px=160", "--set", "output.pictures=false"];
-    let outcome = scene.sizeup(&[&flags[..], &more, &low].concat());
-    assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
-    assert!(scene.path("flags/city.city.json").exists());
-
-    let missing = scene.sizeup(&[&flags[..], &["--priors", "priors/{stem}.npy"]].concat());
-    assert_eq!(missing.code, 2);
-    assert!(missing.stderr.contains("--prior-kind"), "{}", missing.stderr);
+fn a_run_without_a_configuration_is_refused_with_a_hint() {
+    let folder = tempfile::tempdir().unwrap();
+    let refused: Outcome = sizeup().current_dir(folder.path()).arg("run").output().unwrap().into();
+    assert_eq!((refused.code, &*refused.stdout), (2, ""));
+    assert!(refused.stderr.contains("`sizeup init FOLDER` writes one"), "{}", refused.stderr);
 }
 
 #[test]

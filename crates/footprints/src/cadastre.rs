@@ -53,7 +53,7 @@ pub struct CadastreConfig {
     #[schemars(extend("x-expert" = true))]
     pub same_iou: f64,
     /// Which footprint matched buildings get: "layer" or "photos".
-    #[serde(default, alias = "outline_from")]
+    #[serde(default)]
     pub footprint_from: FootprintFrom,
 }
 
@@ -79,7 +79,6 @@ pub enum CadastreChange {
     /// In both, with the same footprint.
     Matched,
     /// In both, with another footprint.
-    #[serde(alias = "changed_outline")]
     ChangedFootprint,
     /// Found in the photos, and not in the layer.
     New,

@@ -57,7 +57,7 @@ pub struct MaskConfig {
     #[schemars(extend("x-expert" = true))]
     pub min_score: f32,
     /// The contour that masks follow: "ground", where walls meet the ground, or "roof".
-    #[serde(default, alias = "outline")]
+    #[serde(default)]
     pub contour: ContourKind,
     /// How accurate masks, poses and terrain are.
     #[serde(default)]

@@ -64,7 +64,7 @@ pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> 
     match args.suite {
         Suite::Accuracy => {
             let config = if args.small { AccuracyConfig::small() } else { AccuracyConfig::default() };
-            let table = accuracy::run(&with_assignments(&config, args, &ui)?, &plan, &tell);
+            let table = accuracy::run(&with_assignments(&config, args)?, &plan, &tell);
             ui.finish();
             let table = table.map_err(|e| failure(&e))?;
             tell_programs(&ui, &table.programs);
@@ -72,7 +72,7 @@ pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> 
         }
         Suite::Paper => {
             let config = if args.small { PaperConfig::small() } else { PaperConfig::default() };
-            let tables = paper::run(&with_assignments(&config, args, &ui)?, &plan, &tell);
+            let tables = paper::run(&with_assignments(&config, args)?, &plan, &tell);
             ui.finish();
             let tables = tables.map_err(|e| failure(&e))?;
             tell_programs(&ui, &tables.programs);
@@ -83,16 +83,12 @@ pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> 
     Ok(0)
 }
 
-fn with_assignments<T>(config: &T, args: &BenchmarkArgs, ui: &Ui) -> Result<T, Failure>
+fn with_assignments<T>(config: &T, args: &BenchmarkArgs) -> Result<T, Failure>
 where
     T: serde::Serialize + serde::de::DeserializeOwned,
 {
     let text = toml::to_string(config).map_err(|e| Failure::new(4, &e))?;
-    let (config, notes) = config::parse_scene(&text, None, &args.assignments).map_err(|e| Failure::new(2, &e))?;
-    for note in &notes {
-        ui.say(format!("note: {}", note.message));
-    }
-    Ok(config)
+    config::parse_scene(&text, None, &args.assignments).map_err(|e| Failure::new(2, &e))
 }
 
 /// Stands for all outcomes that another program made.

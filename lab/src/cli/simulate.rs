@@ -42,12 +42,9 @@ pub(super) fn run(args: &SimulateArgs, global: &Global) -> Result<u8, Failure> {
             toml::to_string(&preset).map_err(|e| Failure::new(4, &e))?
         }
     };
-    let (config, notes): (SimulateConfig, _) =
+    let config: SimulateConfig =
         config::parse_scene(&text, args.config.as_deref(), &args.assignments).map_err(|e| Failure::new(2, &e))?;
     let ui = Ui::new(global);
-    for note in &notes {
-        ui.say(format!("note: {}", note.message));
-    }
     let summary = simulate_scene(&config, &args.output, &ui)?;
     ui.say(format!(
         "{} buildings of {:.0} to {:.0} m, {} views ({} nadir) in {}",

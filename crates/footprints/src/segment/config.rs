@@ -66,7 +66,7 @@ pub struct SegmenterConfig {
     #[schemars(extend("x-expert" = true))]
     pub min_score: f32,
     /// The contour that masks follow: "ground", where walls meet the ground, or "roof".
-    #[serde(default, alias = "outline")]
+    #[serde(default)]
     pub contour: ContourKind,
     /// Depth of every photo from files, for networks that take it, by `{stem}` or `{name}`; that of `[prior]` where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
