@@ -184,15 +184,15 @@ def place(table):
     return f"`{table.title}`" + (f" with {source[1]}" if source else "")
 
 
-def settings(command, schema, shown_by):
+def settings(of, schema, shown_by):
     schema = json.loads(schema)
     defs = schema.get("$defs", {})
     root = Table("", "", schema["properties"], set(schema.get("required", [])), {}, False, "")
-    print(f"## Configuration of `{command}`\n")
+    print(f"## {of}\n")
     print(f"The same as JSON Schema, for editors: `{shown_by}`. `–`: not set unless you set it.\n")
     tables(root, defs, False)
     if any(field["x-expert"] for table in all_tables(root, defs) for _, _, field in table.fields(defs)):
-        print(f"## Expert settings of `{command}`\n")
+        print(f"## Expert settings: {of[0].lower()}{of[1:]}\n")
         print("Thresholds, weights and forms of files that are rare. They stand in the same tables as the keys above, and no run needs them.\n")
         tables(root, defs, True)
 
@@ -205,5 +205,7 @@ print(f"## Commands of the laboratory\n\nA program of its own, `sizeup-lab`: `ca
 print(f"```\n{say('--help', program=LAB)}\n```\n")
 for command in OF_LAB:
     print(f"### sizeup-lab {command}\n\n```\n{say(command, '--help', program=LAB)}\n```\n")
-settings("sizeup run", say("schema", "run"), "sizeup schema run")
-settings("sizeup-lab simulate", say("schema", program=LAB), "sizeup-lab schema")
+settings("Configuration of `sizeup run`", say("schema", "run"), "sizeup schema run")
+for kind in ["depth", "footprint"]:
+    settings(f"Profile of a {kind} network", say("schema", f"{kind}-network"), f"sizeup schema {kind}-network")
+settings("Configuration of `sizeup-lab simulate`", say("schema", program=LAB), "sizeup-lab schema")

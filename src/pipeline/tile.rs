@@ -18,9 +18,7 @@ use super::settings::part_settings;
 use super::stages::{SceneStage, lineage_of, load_terrain, reviews_of, terrain_around, view_issues};
 use super::{FootprintStage, Frame, GroundTold, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact};
 use crate::config::RunConfig;
-use sizeup_footprints::{
-    self, ContourKind, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint,
-};
+use sizeup_footprints::{self, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint};
 use sizeup_geo::hashes::Content;
 use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::{MapBox, Terrain};
@@ -67,15 +65,14 @@ const FOUND_FOOTPRINTS: &str = "tiles/footprints.gpkg";
 /// # Errors
 /// [`PipelineError::Settings`] for roof contours that move with the heights.
 pub fn layer_of(config: &RunConfig) -> Result<Cow<'_, FootprintConfig>, PipelineError> {
-    let found = match (&config.footprints, config.footprints.detection()) {
-        (FootprintSource::Layer(layer), _) => return Ok(Cow::Borrowed(layer)),
-        (_, found) => found,
-    };
-    if found.is_some_and(|found| found.contour == ContourKind::Roof && found.consensus.roof_rounds > 0) {
+    if let FootprintSource::Layer(layer) = &config.footprints {
+        return Ok(Cow::Borrowed(layer));
+    }
+    if config.footprints.roof_rounds() > 0 {
         return Err(PipelineError::Settings {
             table: "footprints",
             message: "footprints of roofs move with the heights, which tiles find one by one".to_owned(),
-            hint: "set footprints.consensus.roof_rounds = 0: roofs are then laid where the photos' footprints fit best",
+            hint: "set footprints.roof_rounds = 0: roofs are then laid where the photos' footprints fit best",
         });
     }
     Ok(Cow::Owned(sizeup_footprints::plain_config(config.project.output.join(FOUND_FOOTPRINTS))))

@@ -257,6 +257,6 @@ fn what_cannot_be_aligned_is_refused_with_a_hint_and_nothing_is_written() {
     assert!(code == Some(3) && told.contains("how high the ground is") && told.contains("hint"), "{told}");
     let (code, told) = align(&["--ground", "80"]);
     assert!(code == Some(3) && told.contains("0 of 2 poses have a photo") && told.contains("--images"), "{told}");
-    let (code, told) = align(&["--ground", "80", "--set", "align.n_neighbours=1"]);
-    assert!(code == Some(2) && told.contains("n_neighbours") && told.contains("2 to 24"), "{told}");
+    let (code, told) = align(&["--ground", "80", "--set", "align.long_side_px=1"]);
+    assert!(code == Some(2) && told.contains("long_side_px") && told.contains("320 to 8192"), "{told}");
 }

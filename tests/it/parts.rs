@@ -70,7 +70,7 @@ fn parts_come_back_from_every_format() {
     cityjson::write(&at("a.city.json"), &model, &CityJsonConfig::default()).unwrap();
     cityjson::write_sequence(&at("a.city.jsonl"), &model, &CityJsonConfig::default()).unwrap();
     geopackage::write(&at("a.gpkg"), &model, &GeoPackageConfig::default()).unwrap();
-    flatgeobuf::write(&at("a.fgb"), &model, &GeoPackageConfig::default()).unwrap();
+    flatgeobuf::write(&at("a.fgb"), &model).unwrap();
     let from_city = read(&at("a.city.json"));
     assert_eq!(from_city, read(&at("a.city.jsonl")));
     for name in ["a.city.json", "a.gpkg", "a.fgb"] {

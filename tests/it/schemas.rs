@@ -121,8 +121,8 @@ fn a_user_meets_few_keys_and_each_other_is_for_experts_wherever_it_occurs() {
 fn the_reference_has_each_key_once_where_it_belongs() {
     let reference = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/reference.md")).unwrap();
     let (_, settings) = reference.split_once("## Configuration of `sizeup run`").unwrap();
-    let (open, rest) = settings.split_once("## Expert settings of `sizeup run`").unwrap();
-    let (expert, _) = rest.split_once("## Configuration of `sizeup-lab simulate`").unwrap();
+    let (open, rest) = settings.split_once("## Expert settings: configuration of `sizeup run`").unwrap();
+    let (expert, _) = rest.split_once("## Profile of a depth network").unwrap();
     let n_of = |part: &str, key: &str| part.lines().filter(|line| line.starts_with(&format!("| `{key}` |"))).count();
     for key in ["crs", "working_px", "vertical_reference"] {
         assert!(n_of(open, key) > 0, "{key} is not among the keys that a user meets");
