@@ -206,6 +206,6 @@ print(f"```\n{say('--help', program=LAB)}\n```\n")
 for command in OF_LAB:
     print(f"### sizeup-lab {command}\n\n```\n{say(command, '--help', program=LAB)}\n```\n")
 settings("Configuration of `sizeup run`", say("schema", "run"), "sizeup schema run")
-for kind in ["depth", "footprint"]:
-    settings(f"Profile of a {kind} network", say("schema", f"{kind}-network"), f"sizeup schema {kind}-network")
+for network in ["depth", "footprint"]:
+    settings(f"Profile of a {network} network", say("schema", f"{network}-network"), f"sizeup schema {network}-network")
 settings("Configuration of `sizeup-lab simulate`", say("schema", program=LAB), "sizeup-lab schema")
