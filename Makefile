@@ -77,7 +77,7 @@ fuzz: deps ## Feed every reader with damaged files for a minute, led by coverage
 	fuzz/run.sh
 
 accuracy: deps ## Measure the tables of docs/accuracy.md and write them there (an hour; real towns too with DATA=folder)
-	$(CARGO) build --release --locked
+	$(CARGO) build --release --locked --workspace
 	tools/accuracy.py measure target/release/sizeup target/accuracy $(DATA)
 	tools/accuracy.py write target/accuracy
 
@@ -86,12 +86,13 @@ accuracy-footprints: deps ## Print the table of footprints from masks in docs/ac
 
 docs: ## Write docs/reference.md anew, and build the API documentation into target/doc
 	@tools/deps.sh docs
-	$(CARGO) build --release --locked
+	$(CARGO) build --release --locked --workspace
 	tools/reference.py target/release/sizeup > docs/reference.md
 	RUSTDOCFLAGS="$(RUSTDOC_STRICT)" $(CARGO) doc --workspace --locked --no-deps
 
 schemas: deps ## Write schemas/ anew from the code
 	$(CARGO) run --locked --release -- schema --output schemas
+	$(CARGO) run --locked --release -p sizeup-lab -- schema --output schemas
 
 qgis-plugin: ## Pack the QGIS plugin into target/sizeup-qgis-VERSION.zip
 	@tools/qgis_plugin.sh

@@ -13,8 +13,8 @@
 //!    [`scene`] ([`render`]) and compared with the [`prior`] for any height ([`ordinal`] and the local search).
 //! 4. [`output`]: `CityJSON`, `GeoPackage`, issues, lineage and pictures; [`report`]: the page that shows them.
 //!
-//! [`simulate`] makes input with known truth; [`evaluate`] compares a result with a truth; [`baseline`] holds the
-//! yardsticks; [`benchmark`] runs all of them and writes the tables of the documentation.
+//! [`simulate`] makes input with known truth; [`evaluate`] compares a result with a truth. Baselines and benchmarks are in
+//! `lab/`, with a binary of their own.
 //!
 //! A whole run from Rust:
 //!
@@ -37,12 +37,11 @@ pub use sizeup_footprints as footprint;
 pub use sizeup_geo::{cloud, crs, files, geodata, hashes, issue, limits, paths, template, terrain, unfinished};
 pub use sizeup_heights as heights;
 pub use sizeup_heights::{camera, frames, ids, optimise, ordinal, raster, ray, render, scene, seed, stats, views};
-pub use sizeup_lab::{baseline, evaluate, simulate};
 pub use sizeup_photos::{dtm, onnx, prior, vegetation};
 pub use sizeup_results::{changes, output, report};
 pub use sizeup_survey as survey;
+pub use sizeup_truth::{evaluate, simulate};
 
-pub mod benchmark;
 pub mod cli;
 pub mod config;
 pub mod init;

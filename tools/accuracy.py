@@ -2,7 +2,7 @@
 """Measures the tables of docs/accuracy.md, and writes them there.
 
 tools/accuracy.py measure PROGRAM FOLDER [DATA]   every suite below into FOLDER; what is there already is not run again.
-                                                  DATA: the folder of real data, without which suites that need it are left out
+                                                  `sizeup-lab` lies beside PROGRAM. DATA: the folder of real data, without which suites that need it are left out
 tools/accuracy.py write FOLDER [DOCUMENT]         the tables between `<!-- NAME -->` and `<!-- /NAME -->` of docs/accuracy.md; those whose
                                                   suites are not in FOLDER stay as they are
 
@@ -26,7 +26,7 @@ DELFT = "delft_lidar_lod1/output/testarea.json"
 
 
 def real(data):
-    """The towns of real buildings, as `sizeup benchmark` takes them."""
+    """The towns of real buildings, as `sizeup-lab benchmark` takes them."""
     city = f'path="{data / ROTTERDAM}",bounds_m=[90830,435400,91350,436100],max_buildings=80,trees_per_building=1'
     survey = f'path="{data / CAMERAS}",crs="EPSG:7415",csv={{name="image_id",angles="opk",sequence="zyx",direction="world_to_camera"}}'
     cameras = f'survey={{{survey}}},crs="EPSG:7415",at_m=[90597,437641]'
@@ -42,8 +42,13 @@ def run(*arguments):
     return subprocess.run(list(map(str, arguments)), check=True, capture_output=True, text=True).stdout
 
 
+def lab_of(program):
+    """The laboratory's program, built beside the program."""
+    return pathlib.Path(program).with_name("sizeup-lab")
+
+
 def benchmark(program, folder, *settings):
-    run(program, "benchmark", "accuracy", "--output", folder, *(part for setting in settings for part in ("--set", setting)))
+    run(lab_of(program), "benchmark", "accuracy", "--output", folder, *(part for setting in settings for part in ("--set", setting)))
 
 
 def alone(program, folder, kind, poses):
@@ -54,7 +59,7 @@ def alone(program, folder, kind, poses):
     position_m, angle_deg = POSES[poses]
     scene = {"seed": 71, "town.n_buildings": 30, "flight.n_views": 70, "camera.width_px": 800, "camera.height_px": 600,
              "errors.position_m": position_m, "errors.angle_deg": angle_deg}
-    run(program, "simulate", "--preset", kind, *(part for key, value in scene.items() for part in ("--set", f"{key}={value}")), "--output", folder)
+    run(lab_of(program), "simulate", "--preset", kind, *(part for key, value in scene.items() for part in ("--set", f"{key}={value}")), "--output", folder)
     text = (folder / "sizeup.toml").read_text()
     before, rest = text.split("[prior]", 1)
     after = rest[rest.index("\n["):] if "\n[" in rest else "\n"

@@ -1,21 +1,25 @@
 #!/usr/bin/env python3
-"""Writes docs/reference.md from what the program says of itself: its --help and its schemas.
+"""Writes docs/reference.md from the help texts and schemas of the program and of `sizeup-lab`, which lies beside it.
 
 Usage: tools/reference.py PROGRAM > docs/reference.md
 """
 import json
+import pathlib
 import re
 import subprocess
 import sys
 from dataclasses import dataclass
 
 COMMANDS = ["init", "run", "footprints", "dtm", "survey inspect", "survey align", "survey convert", "prior inspect", "prior compute"]
-COMMANDS += ["evaluate", "changes", "baseline"]
-COMMANDS += ["look", "view", "benchmark", "tiles plan", "tiles run", "tiles merge", "tiles status", "validate", "export", "simulate", "demo", "schema", "completions"]
+COMMANDS += ["evaluate", "changes"]
+COMMANDS += ["look", "view", "tiles plan", "tiles run", "tiles merge", "tiles status", "validate", "export", "demo", "schema", "completions"]
+OF_LAB = ["simulate", "baseline", "benchmark"]
+PROGRAM = sys.argv[1]
+LAB = str(pathlib.Path(PROGRAM).with_name("sizeup-lab"))
 
 
-def say(*arguments):
-    done = subprocess.run([sys.argv[1], *arguments], capture_output=True, text=True, check=True, env={"COLUMNS": "100"})
+def say(*arguments, program=PROGRAM):
+    done = subprocess.run([program, *arguments], capture_output=True, text=True, check=True, env={"COLUMNS": "100"})
     return done.stdout.rstrip()
 
 
@@ -180,15 +184,15 @@ def place(table):
     return f"`{table.title}`" + (f" with {source[1]}" if source else "")
 
 
-def settings(which):
-    schema = json.loads(say("schema", which))
+def settings(of, schema, shown_by):
+    schema = json.loads(schema)
     defs = schema.get("$defs", {})
     root = Table("", "", schema["properties"], set(schema.get("required", [])), {}, False, "")
-    print(f"## Configuration of `sizeup {which}`\n")
-    print(f"The same as JSON Schema, for editors: `sizeup schema {which}`. `–`: not set unless you set it.\n")
+    print(f"## {of}\n")
+    print(f"The same as JSON Schema, for editors: `{shown_by}`. `–`: not set unless you set it.\n")
     tables(root, defs, False)
     if any(field["x-expert"] for table in all_tables(root, defs) for _, _, field in table.fields(defs)):
-        print(f"## Expert settings of `sizeup {which}`\n")
+        print(f"## Expert settings: {of[0].lower()}{of[1:]}\n")
         print("Thresholds, weights and forms of files that are rare. They stand in the same tables as the keys above, and no run needs them.\n")
         tables(root, defs, True)
 
@@ -197,5 +201,11 @@ print("# Reference\n\nWritten by `make docs` from the program itself; do not edi
 print(f"```\n{say('--help')}\n```\n")
 for command in COMMANDS:
     print(f"### sizeup {command}\n\n```\n{say(*command.split(), '--help')}\n```\n")
-for name in ["run", "simulate"]:
-    settings(name)
+print(f"## Commands of the laboratory\n\nA program of its own, `sizeup-lab`: `cargo build --release --workspace` builds it.\n")
+print(f"```\n{say('--help', program=LAB)}\n```\n")
+for command in OF_LAB:
+    print(f"### sizeup-lab {command}\n\n```\n{say(command, '--help', program=LAB)}\n```\n")
+settings("Configuration of `sizeup run`", say("schema", "run"), "sizeup schema run")
+for network in ["depth", "footprint"]:
+    settings(f"Profile of a {network} network", say("schema", f"{network}-network"), f"sizeup schema {network}-network")
+settings("Configuration of `sizeup-lab simulate`", say("schema", program=LAB), "sizeup-lab schema")

@@ -35,20 +35,30 @@ impl Call {
     }
 
     /// The call that is being answered.
-    pub(super) fn this() -> &'static Self {
+    pub fn this() -> &'static Self {
         CALL.get_or_init(Self::of_process)
     }
 
     /// The command line, for the lineage of results.
-    pub(super) fn line(&self) -> String {
+    #[must_use]
+    pub fn line(&self) -> String {
         let words: Vec<_> = self.arguments.iter().map(|word| word.to_string_lossy()).collect();
         words.join(" ")
     }
 }
 
+/// Commands of `sizeup-lab`, which a user may expect here.
+const OF_LAB: [&str; 3] = ["baseline", "benchmark", "simulate"];
+
 /// With the subcommand that a misspelt one was meant to be: clap sees no likeness between short words such as `rnu` and `run`.
 fn with_near_command(mut error: clap::Error, arguments: &[OsString]) -> clap::Error {
     let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand) else { return error };
+    if OF_LAB.contains(&word.as_str()) {
+        let hint = format!("simulation and benchmarks are in a program of their own: `sizeup-lab {word}`");
+        error.remove(ContextKind::SuggestedSubcommand);
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![hint.into()]));
+        return error;
+    }
     if error.get(ContextKind::SuggestedSubcommand).is_some() {
         return error;
     }

@@ -48,9 +48,6 @@ pub struct ChangesArgs {
     /// Standard deviation of the corners of footprints that state none, metres.
     #[arg(long, value_name = "METRES", default_value_t = ChangesConfig::default().footprint_sigma_m)]
     pub footprint_sigma: f64,
-    /// The name of `--footprint-sigma` in the version before.
-    #[arg(long, value_name = "METRES", hide = true, conflicts_with = "footprint_sigma")]
-    pub outline_sigma: Option<f64>,
     /// How far beyond its footprints a result is taken to have looked, metres.
     #[arg(long, value_name = "METRES", default_value_t = ChangesConfig::default().margin_m)]
     pub margin: f64,
@@ -75,34 +72,20 @@ pub enum AreaArg {
     Photos,
     /// Around its footprints only: for layers that cover less than the flight.
     Footprints,
-    /// The name of `footprints` in the version before.
-    #[value(hide = true)]
-    Outlines,
 }
 
 impl ChangesArgs {
-    /// Notes of names that are read for one version.
-    fn tell_renamed(&self, ui: &Ui) {
-        let renamed = [
-            (self.outline_sigma.is_some(), "--outline-sigma", "--footprint-sigma"),
-            (matches!(self.area, AreaArg::Outlines), "--area outlines", "--area footprints"),
-        ];
-        for (_, old, new) in renamed.iter().filter(|(is_given, ..)| *is_given) {
-            ui.say(format!("note: `{old}` is read as `{new}`; the next version refuses it"));
-        }
-    }
-
     fn config(&self) -> ChangesConfig {
         ChangesConfig {
             least_m: self.least_m,
             n_sigmas: self.sigmas,
             old_sigma_m: self.old_sigma,
             new_sigma_m: self.new_sigma,
-            footprint_sigma_m: self.outline_sigma.unwrap_or(self.footprint_sigma),
+            footprint_sigma_m: self.footprint_sigma,
             margin_m: self.margin,
             area: match self.area {
                 AreaArg::Photos => AreaRule::Photos,
-                AreaArg::Footprints | AreaArg::Outlines => AreaRule::Footprints,
+                AreaArg::Footprints => AreaRule::Footprints,
             },
             shift: if self.keep_shift { ShiftRule::Keep } else { ShiftRule::TakeOff },
             sigmas: if self.stated_sigmas { SigmaRule::Stated } else { SigmaRule::Widen },
@@ -113,7 +96,6 @@ impl ChangesArgs {
 
 pub(super) fn run(args: &ChangesArgs, global: &Global) -> Result<u8, Failure> {
     let config = args.config();
-    args.tell_renamed(&Ui::new(global));
     config.validate().map_err(|e| Failure::new(2, &e))?;
     warn_of_unfinished(&args.old, global);
     warn_of_unfinished(&args.new, global);

@@ -1,15 +1,15 @@
 //! `sizeup demo`: the main job on data of our own, start to end.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use super::{Failure, Global, Ui, print, print_json};
 use crate::config::RunConfig;
 use crate::pipeline::{RunOptions, Stage};
-use sizeup_lab::evaluate::read::{TruthOptions, read_results, read_truth};
-use sizeup_lab::evaluate::{HeightOptions, evaluate_heights};
-use sizeup_lab::simulate::SimulateConfig;
+use sizeup_truth::evaluate::read::{TruthOptions, read_results, read_truth};
+use sizeup_truth::evaluate::{HeightOptions, evaluate_heights};
+use sizeup_truth::simulate::{SimulateConfig, SimulateError, SimulationSummary, simulate};
 
 /// Arguments of `sizeup demo`.
 #[derive(Debug, Clone, Args)]
@@ -23,7 +23,7 @@ pub(super) fn run(args: &DemoArgs, global: &Global) -> Result<u8, Failure> {
     let ui = Ui::new(global);
     ui.say("1. Simulating a small town with known heights: photos, poses, footprints, terrain and depth priors");
     let preset = SimulateConfig::preset("demo").map_err(|e| Failure::new(4, &e))?;
-    let scene = super::simulate::make(&preset, &args.output.join("scene"), &ui)?;
+    let scene = simulate_scene(&preset, &args.output.join("scene"), &ui)?;
 
     ui.say("2. Finding the heights: this is what `sizeup run` does with your data");
     let mut config = RunConfig::load(&scene.run_config, &[]).map_err(|e| Failure::new(4, &e))?;
@@ -53,4 +53,18 @@ pub(super) fn run(args: &DemoArgs, global: &Global) -> Result<u8, Failure> {
         scene.run_config.display()
     ));
     Ok(0)
+}
+
+/// Simulates a scene with a progress bar.
+///
+/// # Errors
+/// [`Failure`], as a usage error where a setting is at fault.
+pub fn simulate_scene(config: &SimulateConfig, output: &Path, ui: &Ui) -> Result<SimulationSummary, Failure> {
+    let summary = simulate(config, output, &|done, total| ui.advance("simulating", done, total));
+    ui.finish();
+    summary.map_err(|e| {
+        let is_usage =
+            matches!(e, SimulateError::Setting { .. } | SimulateError::UnknownPreset { .. } | SimulateError::Crs(_));
+        Failure::new(if is_usage { 2 } else { 4 }, &e)
+    })
 }

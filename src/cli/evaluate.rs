@@ -14,13 +14,13 @@ use crate::pipeline;
 use sizeup_footprints::{Annotated, FootprintError, PhotoInstances, coco_instances, is_coco};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::paths::file_name;
-use sizeup_lab::evaluate::read::TruthOptions;
-use sizeup_lab::evaluate::{
-    CloudTruthOptions, ComparedFiles, HeightOptions, PhotoAreas, compare_files, evaluate_photos,
-};
 use sizeup_results::output::HeightReference;
 use sizeup_results::output::read::{RESULTS, result_file};
 use sizeup_survey::View;
+use sizeup_truth::evaluate::read::TruthOptions;
+use sizeup_truth::evaluate::{
+    CloudTruthOptions, ComparedFiles, HeightOptions, PhotoAreas, compare_files, evaluate_photos,
+};
 
 /// Arguments of `sizeup evaluate`.
 #[derive(Debug, Clone, Args)]

@@ -232,8 +232,8 @@ fn write<R: Records + ?Sized>(
             }
             Ok(overview)
         }
-        ExportFormat::FlatGeobuf => flatgeobuf::write(path, model, &GeoPackageConfig::default()),
-        ExportFormat::GeoJson => geojson::write(path, model, &GeoPackageConfig::default()),
+        ExportFormat::FlatGeobuf => flatgeobuf::write(path, model),
+        ExportFormat::GeoJson => geojson::write(path, model),
         ExportFormat::Tiles3d => {
             let heights = match (args.geoid_height, args.heights) {
                 (Some(geoid_m), _) => Heights::GeoidHeight(geoid_m),

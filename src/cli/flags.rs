@@ -8,8 +8,11 @@ use toml::{Table, Value};
 /// Configuration that commands take where none is named, as `sizeup init` writes it.
 pub(super) const BY_DEFAULT: &str = "sizeup.toml";
 
-/// The configuration of a command: the one that is named, else the one in this folder.
-pub(super) fn config_file(named: Option<&Path>) -> Result<PathBuf, Failure> {
+/// Returns the configuration of a command: the one that is named, else the one in this folder.
+///
+/// # Errors
+/// [`Failure`] where there is none.
+pub fn config_file(named: Option<&Path>) -> Result<PathBuf, Failure> {
     match named {
         Some(path) => Ok(path.to_owned()),
         None if Path::new(BY_DEFAULT).is_file() => Ok(BY_DEFAULT.into()),

@@ -3,8 +3,6 @@
 //! stdout is data (tables, JSON), stderr is talk. Exit codes: 0 ok, 2 usage or configuration, 3 bad input, 4 failed,
 //! 5 finished with failed items.
 
-mod baseline;
-mod benchmark;
 mod call;
 mod changes;
 mod demo;
@@ -22,7 +20,6 @@ mod prior;
 mod progress;
 mod run;
 mod schema;
-mod simulate;
 mod survey;
 mod tiles;
 mod ui;
@@ -36,7 +33,10 @@ use std::io::{self, ErrorKind, Write as _};
 use clap::{Args, Parser, Subcommand};
 
 pub use call::{Call, answer, answer_call};
+pub use demo::simulate_scene;
+pub use flags::config_file;
 pub use progress::{MessageLevel, ProgressEvent, ProgressForm};
+pub use run::tell_summary;
 pub use ui::Ui;
 
 use sizeup_geo::limits::Limits;
@@ -112,20 +112,14 @@ pub enum Command {
     Validate(validate::ValidateArgs),
     /// Write a city in another format: CityJSON, CityJSONSeq, GeoPackage, FlatGeobuf, FlatCityBuf, GeoJSON, 3D Tiles.
     Export(export::ExportArgs),
-    /// Simulate a scene with known truth, in the files that a user would bring.
-    Simulate(simulate::SimulateArgs),
     /// Compare a result with a reference and print how far off it is.
     Evaluate(evaluate::EvaluateArgs),
     /// Tell what changed between two results: new, gone, raised, lowered, footprint changed, same.
     Changes(changes::ChangesArgs),
-    /// Find heights in a quick and simple way, to compare with: from priors, a point cloud, or known heights.
-    Baseline(baseline::BaselineArgs),
     /// Picture one view of a finished run: photo, rendered depth, prior and ordinal pairs.
     Look(look::LookArgs),
     /// Show a result in the browser, streaming its tiles: for cities too large for one page.
     View(view::ViewArgs),
-    /// Measure accuracy and speed on simulated scenes, every method on each, and write the tables.
-    Benchmark(benchmark::BenchmarkArgs),
     /// Say what this machine has, and what a configuration at hand lacks.
     Doctor(doctor::DoctorArgs),
     /// Simulate a small town, find its heights, evaluate and picture them.
@@ -214,21 +208,30 @@ impl fmt::Display for Failure {
     }
 }
 
+/// Applies the options of every subcommand to this process: logging, limits, threads, and where networks are.
+///
+/// # Errors
+/// [`Failure`] where threads cannot be started.
+pub fn prepare(global: &Global) -> Result<(), Failure> {
+    ui::start_logging(global);
+    sizeup_photos::onnx::runtime::look_in(runtime_places());
+    Limits::insist(global.input_memory, global.allow_remote);
+    if let Some(folder) = model::folder() {
+        sizeup_photos::prior::network::known::look_in(folder);
+    }
+    if let Some(n) = global.threads {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads(n, global)).build_global();
+        pool.map_err(|e| Failure::new(4, &e))?;
+    }
+    Ok(())
+}
+
 /// Runs a command; the number is the exit code.
 ///
 /// # Errors
 /// [`Failure`] with the exit code and the text to print.
-pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
-    ui::start_logging(&cli.global);
-    sizeup_photos::onnx::runtime::look_in(runtime_places());
-    Limits::insist(cli.global.input_memory, cli.global.allow_remote);
-    if let Some(folder) = model::folder() {
-        sizeup_photos::prior::network::known::look_in(folder);
-    }
-    if let Some(n) = cli.global.threads {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads(n, &cli.global)).build_global();
-        pool.map_err(|e| Failure::new(4, &e))?;
-    }
+fn dispatch(cli: &Cli) -> Result<u8, Failure> {
+    prepare(&cli.global)?;
     match &cli.command {
         Command::Init(args) => init::run(args, &cli.global),
         Command::Run(args) => run::run(args, &cli.global),
@@ -240,13 +243,10 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
         Command::Model(command) => model::run(command, &cli.global),
         Command::Validate(args) => validate::run(args, &cli.global),
         Command::Export(args) => export::run(args, &cli.global),
-        Command::Simulate(args) => simulate::run(args, &cli.global),
         Command::Evaluate(args) => evaluate::run(args, &cli.global),
         Command::Changes(args) => changes::run(args, &cli.global),
-        Command::Baseline(args) => baseline::run(args, &cli.global),
         Command::Look(args) => look::run(args, &cli.global),
         Command::View(args) => view::run(args, &cli.global),
-        Command::Benchmark(args) => benchmark::run(args, &cli.global),
         Command::Doctor(args) => doctor::run(args, &cli.global),
         Command::Demo(args) => demo::run(args, &cli.global),
         Command::Schema(args) => schema::run(args),
@@ -255,17 +255,22 @@ pub fn dispatch(cli: &Cli) -> Result<u8, Failure> {
     }
 }
 
-/// Runs a command and tells how it ended; the number is the exit code.
+/// Runs a command and reports how it ended; the number is the exit code.
 #[must_use]
 pub fn conclude(cli: &Cli) -> u8 {
-    let outcome = dispatch(cli);
-    match (&outcome, cli.global.progress) {
+    report(&dispatch(cli), &cli.global)
+}
+
+/// Reports how a command ended; the number is the exit code.
+#[must_use]
+pub fn report(outcome: &Result<u8, Failure>, global: &Global) -> u8 {
+    match (outcome, global.progress) {
         (&Ok(code), ProgressForm::Json) => ProgressEvent::Done { code }.emit(),
         (Err(failure), ProgressForm::Json) => ProgressEvent::of_failure(failure).emit(),
         (Ok(_), ProgressForm::Text) => {}
         (Err(failure), ProgressForm::Text) => talk(failure),
     }
-    outcome.unwrap_or_else(|failure| failure.exit_code)
+    outcome.as_ref().map_or_else(|failure| failure.exit_code, |code| *code)
 }
 
 /// Says what is wrong with a command line that cannot be read, or prints the help it asks for; the number is the exit code.
@@ -306,13 +311,19 @@ fn runtime_places() -> Vec<std::path::PathBuf> {
 }
 
 /// Prints a value as JSON to stdout.
-fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
+///
+/// # Errors
+/// [`Failure`] where stdout cannot be written.
+pub fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(|e| Failure::new(4, &e))?;
     print(&text)
 }
 
 /// Prints a line of data to stdout.
-fn print(text: &impl fmt::Display) -> Result<(), Failure> {
+///
+/// # Errors
+/// [`Failure`] where stdout cannot be written.
+pub fn print(text: &impl fmt::Display) -> Result<(), Failure> {
     print_lines(&format_args!("{text}\n"))
 }
 

@@ -145,7 +145,7 @@ fn table_of(inspection: &GraphInspection) -> String {
         Err(reason) => format!("no fit  {}: {reason}", profile.name),
     }));
     let hint = if inspection.profiles.iter().all(|(_, wiring)| wiring.is_err()) {
-        "hint: declare `prior.custom`; `sizeup schema run` lists its keys"
+        "hint: describe it in a TOML file and name that as `profile`; `sizeup schema depth-network` lists the keys"
     } else {
         "hint: several may fit; choose by where the weights come from, not by the graph"
     };

@@ -4,16 +4,13 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
-use super::flags::{config_file, flag, put, text_of};
+use super::flags::config_file;
 use super::tiles::{CutArgs, TilesetArgs, TrustArgs, absolute, failed, merge_city, plan_config};
 use super::{Call, EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
 use crate::pipeline::{self, RunOptions, RunSummary, Stage};
 use crate::tiles::{self, Attempt, Layout, MergeOptions, Missing, PoolSettings, Tile, TileOutcome, TileState};
 use sizeup_results::output::Status;
-
-/// Where `--help` lists the flags that stand for a configuration file.
-const FLAGS: &str = "Without a configuration file";
 
 /// Where `--help` lists the options of tiled runs.
 const TILED: &str = "With --tiled";
@@ -27,13 +24,11 @@ const N_RETRIES: usize = 1;
   sizeup run sizeup.toml --set optimise.preset=paper --output result-paper
   sizeup run sizeup.toml --from output        write the results again, heights as they are
   sizeup run sizeup.toml --tiled --jobs 4     in parts, for areas that do not fit into memory
-  sizeup run --crs EPSG:25832 --survey sparse --images photos --footprints blocks.gpkg --dtm dtm.tif
-  sizeup run --crs EPSG:25832 --survey sparse --footprints blocks.gpkg --dtm dtm.tif \\
-             --priors 'depth/{stem}.npz' --prior-kind depth")]
+
+`sizeup init FOLDER` writes the configuration for a folder of photos.")]
 pub struct RunArgs {
     /// Configuration file (TOML; default: sizeup.toml in this folder), or - for standard input, its paths relative to this folder.
     /// `sizeup schema run` lists its keys.
-    #[arg(conflicts_with = "survey")]
     pub config: Option<PathBuf>,
     /// Set one key of the configuration, as in `--set optimise.preset=paper`. May be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
@@ -65,39 +60,6 @@ pub struct RunArgs {
     /// How much of what is known of files is believed.
     #[command(flatten, next_help_heading = TILED)]
     pub trust: TrustArgs,
-    /// Poses (a COLMAP model folder, a CSV file, …).
-    #[arg(long, help_heading = FLAGS, value_name = "PATH", requires_all = ["crs", "footprints"])]
-    pub survey: Option<PathBuf>,
-    /// Folder of the photos, where the poses do not say it.
-    #[arg(long, help_heading = FLAGS, value_name = "FOLDER", requires = "survey")]
-    pub images: Option<PathBuf>,
-    /// The project's projected CRS.
-    #[arg(long, help_heading = FLAGS, value_name = "CRS", requires = "survey")]
-    pub crs: Option<String>,
-    /// Building footprints: a vector layer.
-    #[arg(long, help_heading = FLAGS, value_name = "FILE", requires = "survey")]
-    pub footprints: Option<PathBuf>,
-    /// Terrain model: a raster of heights.
-    #[arg(long, help_heading = FLAGS, value_name = "FILE", requires = "survey", conflicts_with = "ground")]
-    pub dtm: Option<PathBuf>,
-    /// One ground height everywhere, metres.
-    #[arg(long, help_heading = FLAGS, value_name = "METRES", requires = "survey", allow_negative_numbers = true)]
-    pub ground: Option<f64>,
-    /// Where depth priors come from. By default files where --priors names them, else the best that there is.
-    #[arg(long, help_heading = FLAGS, value_enum, requires = "survey")]
-    pub prior_source: Option<PriorSourceArg>,
-    /// Depth priors in files, with {stem} for the photo's name without extension.
-    #[arg(long, help_heading = FLAGS, value_name = "TEMPLATE", requires_all = ["survey", "prior_kind"])]
-    pub priors: Option<String>,
-    /// Meaning of the numbers in these files.
-    #[arg(long, help_heading = FLAGS, value_enum, requires = "priors")]
-    pub prior_kind: Option<PriorKindArg>,
-    /// A depth network (ONNX), for --prior-source network or auto.
-    #[arg(long, help_heading = FLAGS, value_name = "FILE", requires_all = ["survey", "profile"], conflicts_with = "priors")]
-    pub model: Option<PathBuf>,
-    /// The network's built-in profile, as `sizeup prior inspect` names it.
-    #[arg(long, help_heading = FLAGS, value_name = "NAME", requires = "model")]
-    pub profile: Option<String>,
 }
 
 /// A stage on the command line.
@@ -124,38 +86,12 @@ impl From<StageArg> for Stage {
     }
 }
 
-/// Meaning of a prior's numbers, on the command line.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub enum PriorKindArg {
-    /// Depth: higher is farther.
-    Depth,
-    /// Inverse depth: higher is nearer.
-    #[value(alias = "inverse_depth")]
-    InverseDepth,
-}
-
-/// Where priors come from, on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum PriorSourceArg {
-    /// The best that there is: the network that --model names if its file is there, else stereo.
-    Auto,
-    /// Maps that somebody else computed (--priors).
-    Files,
-    /// A depth network (--model).
-    Network,
-    /// The photos matched with each other.
-    Stereo,
-}
-
 pub(super) fn run(args: &RunArgs, global: &Global) -> Result<u8, Failure> {
-    let file = if args.survey.is_some() { None } else { Some(config_file(args.config.as_deref())?) };
-    let config = config_of(args, file.as_deref())?;
+    let file = config_file(args.config.as_deref())?;
+    let config = config_of(args, &file)?;
     config.limits.set();
-    for note in config.notes() {
-        Ui::new(global).say(format!("note: {}", note.message));
-    }
     if args.tiled {
-        return run_tiled(config, file.as_deref(), args, global);
+        return run_tiled(config, &file, args, global);
     }
     if args.tileset.tileset().is_some() {
         let hint = "3D Tiles of one piece are written by `sizeup export --to 3dtiles`, which takes them too";
@@ -170,7 +106,7 @@ pub(super) fn run(args: &RunArgs, global: &Global) -> Result<u8, Failure> {
 }
 
 /// Plan, all tiles, merge; tiles that are done stay as they are.
-fn run_tiled(mut config: RunConfig, file: Option<&Path>, args: &RunArgs, global: &Global) -> Result<u8, Failure> {
+fn run_tiled(mut config: RunConfig, file: &Path, args: &RunArgs, global: &Global) -> Result<u8, Failure> {
     config.project.output = absolute(&config.project.output)?;
     let n_cores = rayon::current_num_threads();
     let n_jobs = args.jobs.unwrap_or(n_cores.div_ceil(2)).max(1);
@@ -182,8 +118,7 @@ fn run_tiled(mut config: RunConfig, file: Option<&Path>, args: &RunArgs, global:
         n_retries: N_RETRIES,
         trust: args.trust.trust(),
     };
-    let file = file.map(absolute).transpose()?;
-    let plan = args.cut.settings(file, args.tileset.tileset(), args.trust);
+    let plan = args.cut.settings(absolute(file)?, args.tileset.tileset(), args.trust);
     let manifest = plan_config(&config, &plan, global)?;
     let (ui, layout) = (Ui::new(global), Layout::new(&config.project.output));
     let city = tiles::status(&layout, args.trust.trust()).map_err(|e| failed(&e))?;
@@ -224,7 +159,8 @@ pub(super) fn run_config(config: &RunConfig, options: &RunOptions, global: &Glob
     Ok(summary)
 }
 
-pub(super) fn tell_summary(ui: &Ui, summary: &RunSummary) {
+/// Prints the summary of a run on stderr.
+pub fn tell_summary(ui: &Ui, summary: &RunSummary) {
     let seconds: Vec<String> = summary.seconds.iter().map(|(stage, s)| format!("{stage} {s:.1} s")).collect();
     for doubt in &summary.implausible {
         ui.say(format!("THE RESULT IS IMPLAUSIBLE: {doubt}"));
@@ -285,16 +221,15 @@ pub(super) fn tell_issues(ui: &Ui, summary: &RunSummary) {
     }
 }
 
-/// The configuration file with its overrides, or one made from flags.
-fn config_of(args: &RunArgs, file: Option<&Path>) -> Result<RunConfig, Failure> {
-    let mut config = match file {
-        Some(path) if path.as_os_str() == "-" => {
-            RunConfig::from_text(&text_of_stdin(args)?, Path::new("standard input"), &args.assignments)
-        }
+/// The configuration file with its overrides.
+fn config_of(args: &RunArgs, file: &Path) -> Result<RunConfig, Failure> {
+    let mut config = if file.as_os_str() == "-" {
+        RunConfig::from_text(&text_of_stdin(args)?, Path::new("standard input"), &args.assignments)
+    } else if args.tiled {
         // Tiles may be run again from another folder than this one.
-        Some(path) if args.tiled => RunConfig::load(&absolute(path)?, &args.assignments),
-        Some(path) => RunConfig::load(path, &args.assignments),
-        None => RunConfig::from_text(&text_of_flags(args)?, Path::new("command line"), &args.assignments),
+        RunConfig::load(&absolute(file)?, &args.assignments)
+    } else {
+        RunConfig::load(file, &args.assignments)
     }
     .map_err(|e| Failure::new(2, &e))?;
     if let Some(output) = &args.output {
@@ -311,71 +246,4 @@ fn text_of_stdin(args: &RunArgs) -> Result<String, Failure> {
     }
     let cannot = |e| Failure::from_text(2, format!("cannot read the configuration from standard input: {e}"));
     std::io::read_to_string(std::io::stdin()).map_err(cannot)
-}
-
-/// Flags as the configuration file they stand for, so that there is one way to read settings.
-fn text_of_flags(args: &RunArgs) -> Result<String, Failure> {
-    let missing = |flag: &str| Failure::from_text(2, format!("--survey needs --{flag} too"));
-    let path = |path: Option<&PathBuf>| path.map(|path| text_of(path));
-    let needed = |flag: &str, value: Option<String>| value.ok_or_else(|| missing(flag)).map(Some);
-    let ground = || match (path(args.dtm.as_ref()), args.ground) {
-        (Some(dtm), _) => Ok(flag("terrain", "dtm", Some(dtm))),
-        (None, Some(ground_m)) => Ok(flag("terrain", "constant_m", Some(ground_m))),
-        (None, None) => Err(missing("dtm or --ground")),
-    };
-    let settings = [
-        flag("project", "crs", needed("crs", args.crs.clone())?),
-        flag("survey", "path", needed("survey", path(args.survey.as_ref()))?),
-        flag("footprints", "path", needed("footprints", path(args.footprints.as_ref()))?),
-        ground()?,
-        flag("survey", "images", path(args.images.as_ref())),
-    ];
-    let mut table = toml::Table::new();
-    put(&mut table, settings.into_iter().flatten());
-    table.insert("prior".to_owned(), toml::Value::Table(prior_of_flags(args)?));
-    Ok(table.to_string())
-}
-
-/// The table `[prior]` of flags.
-fn prior_of_flags(args: &RunArgs) -> Result<toml::Table, Failure> {
-    let by_default = if args.priors.is_some() { PriorSourceArg::Files } else { PriorSourceArg::Auto };
-    let source = args.prior_source.unwrap_or(by_default);
-    let needs = |source: &str, flag: &str| Failure::from_text(2, format!("--prior-source {source} needs --{flag} too"));
-    if args.priors.is_some() && source != PriorSourceArg::Files {
-        return Err(Failure::from_text(2, "--priors names files: --prior-source files goes with it".to_owned()));
-    }
-    let mut network = toml::Table::new();
-    if let (Some(model), Some(profile)) = (&args.model, &args.profile) {
-        network.insert("model".to_owned(), model.to_string_lossy().into_owned().into());
-        network.insert("profile".to_owned(), profile.clone().into());
-    }
-    let mut table = toml::Table::new();
-    let name = match source {
-        PriorSourceArg::Files => {
-            table.insert("path".to_owned(), args.priors.clone().ok_or_else(|| needs("files", "priors"))?.into());
-            let kind = match args.prior_kind.ok_or_else(|| needs("files", "prior-kind"))? {
-                PriorKindArg::Depth => "depth",
-                PriorKindArg::InverseDepth => "inverse_depth",
-            };
-            table.insert("kind".to_owned(), kind.into());
-            "files"
-        }
-        PriorSourceArg::Network if network.is_empty() => return Err(needs("network", "model and --profile")),
-        PriorSourceArg::Network => {
-            table.extend(network);
-            "network"
-        }
-        PriorSourceArg::Auto => {
-            if !network.is_empty() {
-                table.insert("network".to_owned(), network.into());
-            }
-            "auto"
-        }
-        PriorSourceArg::Stereo if !network.is_empty() => {
-            return Err(Failure::from_text(2, "--model names a network: stereo has none".to_owned()));
-        }
-        PriorSourceArg::Stereo => "stereo",
-    };
-    table.insert("source".to_owned(), name.into());
-    Ok(table)
 }

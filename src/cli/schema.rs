@@ -8,9 +8,10 @@ use serde_json::Value;
 
 use super::{Failure, ProgressEvent, print_json};
 use crate::config::RunConfig;
+use sizeup_footprints::SegmenterProfile;
 use sizeup_geo::files::write_json;
-use sizeup_lab::simulate::SimulateConfig;
 use sizeup_photos::align::AlignReport;
+use sizeup_photos::prior::network::profile::Profile;
 use sizeup_results::changes::ChangesReport;
 use sizeup_results::output::cityjson::extension_schema;
 
@@ -30,8 +31,10 @@ pub struct SchemaArgs {
 pub enum SchemaName {
     /// Configuration of `sizeup run`.
     Run,
-    /// Configuration of `sizeup simulate`.
-    Simulate,
+    /// Profile of a depth network: the TOML file that `prior.profile` names.
+    DepthNetwork,
+    /// Profile of a network that finds buildings: the TOML file that `footprints.profile` names.
+    FootprintNetwork,
     /// `changes.json`, which `sizeup changes` writes.
     Changes,
     /// `align.json`, which `sizeup survey align` and runs that align write.
@@ -49,7 +52,8 @@ pub fn schema(name: SchemaName) -> Value {
     let readable = |schema: schemars::Schema| serde_json::to_value(schema).unwrap_or_default();
     match name {
         SchemaName::Run => readable(schemars::schema_for!(RunConfig)),
-        SchemaName::Simulate => readable(schemars::schema_for!(SimulateConfig)),
+        SchemaName::DepthNetwork => readable(schemars::schema_for!(Profile)),
+        SchemaName::FootprintNetwork => readable(schemars::schema_for!(SegmenterProfile)),
         SchemaName::Changes => readable(schemars::schema_for!(ChangesReport)),
         SchemaName::Align => readable(schemars::schema_for!(AlignReport)),
         SchemaName::Progress => readable(schemars::schema_for!(ProgressEvent)),
@@ -62,7 +66,8 @@ impl SchemaName {
     fn file_name(self) -> &'static str {
         match self {
             Self::Run => "run.schema.json",
-            Self::Simulate => "simulate.schema.json",
+            Self::DepthNetwork => "depth-network.schema.json",
+            Self::FootprintNetwork => "footprint-network.schema.json",
             Self::Changes => "changes.schema.json",
             Self::Align => "align.schema.json",
             Self::Progress => "progress.schema.json",

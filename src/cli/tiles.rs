@@ -218,7 +218,7 @@ fn config_of(path: &Path, assignments: &[String], output: Option<&PathBuf>) -> R
 
 fn plan(args: &PlanArgs, global: &Global) -> Result<u8, Failure> {
     let (config, path) = config_of(&config_file(args.config.as_deref())?, &args.assignments, args.output.as_ref())?;
-    let settings = args.cut.settings(Some(path), args.tileset.tileset(), args.trust);
+    let settings = args.cut.settings(path, args.tileset.tileset(), args.trust);
     if args.dry_run {
         return dry_run(&config, &settings, global);
     }
@@ -231,12 +231,7 @@ fn plan(args: &PlanArgs, global: &Global) -> Result<u8, Failure> {
 
 impl CutArgs {
     /// All that a plan has to know beside the configuration.
-    pub(super) fn settings(
-        &self,
-        config_file: Option<PathBuf>,
-        tileset: Option<Tileset>,
-        trust: TrustArgs,
-    ) -> PlanSettings {
+    pub(super) fn settings(&self, config_file: PathBuf, tileset: Option<Tileset>, trust: TrustArgs) -> PlanSettings {
         PlanSettings {
             size_m: self.size,
             n_buildings: self.buildings,
@@ -244,7 +239,7 @@ impl CutArgs {
             view_margin_m: self.view_margin,
             memory_mb: self.memory,
             n_threads: rayon::current_num_threads(),
-            config_file,
+            config_file: Some(config_file),
             tileset: tileset.unwrap_or(Tileset::Written(Heights::Crs)),
             trust: trust.trust(),
         }
@@ -279,7 +274,7 @@ fn dry_run(config: &RunConfig, settings: &PlanSettings, global: &Global) -> Resu
 fn inputs(args: &InputsArgs, global: &Global) -> Result<u8, Failure> {
     let (config, path) = config_of(&args.config, &[], args.output.as_ref())?;
     let cut = CutArgs { size: None, buildings: None, halo: None, view_margin: None, memory: None };
-    let files = tiles::inputs(&config, &cut.settings(Some(path), None, args.trust)).map_err(|e| failed(&e))?;
+    let files = tiles::inputs(&config, &cut.settings(path, None, args.trust)).map_err(|e| failed(&e))?;
     if global.json {
         print_json(&serde_json::json!({ "program": recipe::program(), "files": files }))?;
         return Ok(0);

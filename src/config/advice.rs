@@ -8,7 +8,7 @@ pub(super) const FORM: &str = "write it as --set optimise.preset=paper or --set 
 /// Where all keys of a run are listed.
 pub(super) const KEYS_OF_RUN: &str = "`sizeup schema run` prints every key with its type, unit and default";
 /// Where all keys of a simulated scene are listed.
-pub(super) const KEYS_OF_SCENE: &str = "`sizeup schema simulate` prints every key with its type, unit and default";
+pub(super) const KEYS_OF_SCENE: &str = "`sizeup-lab schema` prints every key with its type, unit and default";
 
 /// Tables that a configuration has to have, and what to write into them.
 const TABLES: [(&str, &str); 5] = [

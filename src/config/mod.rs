@@ -5,7 +5,6 @@
 
 mod advice;
 mod escapes;
-mod renamed;
 mod sources;
 
 use std::path::{Path, PathBuf};
@@ -17,7 +16,6 @@ use serde::{Deserialize, Serialize};
 
 use sizeup_footprints::FootprintSource;
 use sizeup_geo::crs::Crs;
-use sizeup_geo::issue::Issue;
 use sizeup_geo::limits::Limits;
 use sizeup_geo::paths::{OwnPaths, PathVisitor, resolved};
 use sizeup_geo::terrain::{GroundConfig, TerrainConfig};
@@ -115,9 +113,6 @@ pub struct RunConfig {
     /// Which paths were relative in the file.
     #[serde(skip)]
     own_paths: OwnPaths,
-    /// Issues of the file itself.
-    #[serde(skip)]
-    notes: Vec<Issue>,
 }
 
 /// The frame of the project.
@@ -220,7 +215,6 @@ impl RunConfig {
             output: OutputConfig::default(),
             limits: Limits::default(),
             own_paths: OwnPaths::default(),
-            notes: Vec::new(),
         }
     }
 
@@ -264,23 +258,8 @@ impl RunConfig {
         Ok(config)
     }
 
-    /// With keys that have another name now.
     fn read(text: &str, path: &Path, assignments: &[String]) -> Result<Self, ConfigError> {
-        let renamed = assignments.iter().map(|assignment| renamed::in_assignment(assignment, &renamed::OF_RUN));
-        let (assignments, notes): (Vec<String>, Vec<Option<Issue>>) = renamed.unzip();
-        let mut notes: Vec<Issue> = notes.into_iter().flatten().collect();
-        let mut config: Self = parse_with(text, Some(path), &assignments, advice::KEYS_OF_RUN, |table| {
-            notes.extend(renamed::in_table(table, &renamed::OF_RUN));
-            sources::make_room(table, &assignments);
-        })?;
-        config.notes = notes;
-        Ok(config)
-    }
-
-    /// Issues of the file itself: keys that have another name now.
-    #[must_use]
-    pub fn notes(&self) -> &[Issue] {
-        &self.notes
+        parse_with(text, Some(path), assignments, advice::KEYS_OF_RUN, |table| sources::make_room(table, assignments))
     }
 
     fn resolve_paths(&mut self, folder: &Path) {
@@ -339,7 +318,7 @@ pub fn parse<T: DeserializeOwned>(text: &str, path: Option<&Path>, assignments: 
     parse_with(text, path, assignments, advice::KEYS_OF_RUN, |_| ())
 }
 
-/// As [`parse`] for settings of simulated scenes, with notes of keys that have another name now.
+/// As [`parse`] for settings of simulated scenes, which `sizeup-lab schema` lists.
 ///
 /// # Errors
 /// As [`parse`].
@@ -347,14 +326,8 @@ pub fn parse_scene<T: DeserializeOwned>(
     text: &str,
     path: Option<&Path>,
     assignments: &[String],
-) -> Result<(T, Vec<Issue>), ConfigError> {
-    let renamed = assignments.iter().map(|assignment| renamed::in_assignment(assignment, &renamed::OF_SCENE));
-    let (assignments, notes): (Vec<String>, Vec<Option<Issue>>) = renamed.unzip();
-    let mut notes: Vec<Issue> = notes.into_iter().flatten().collect();
-    let settings = parse_with(text, path, &assignments, advice::KEYS_OF_SCENE, |table| {
-        notes.extend(renamed::in_table(table, &renamed::OF_SCENE));
-    })?;
-    Ok((settings, notes))
+) -> Result<T, ConfigError> {
+    parse_with(text, path, assignments, advice::KEYS_OF_SCENE, |_| ())
 }
 
 /// As [`parse`], with the file's table changed before the assignments. `keys` says where all keys are listed.
@@ -503,36 +476,6 @@ mod tests {
     }
 
     #[test]
-    fn keys_of_older_files_are_read_with_a_note() {
-        let stereo = |prior: &str, optimise: &str| {
-            let files = "source = \"files\"\n        path = \"priors/{stem}.npy\"\n        kind = \"depth\"\n";
-            assert!(MINIMAL.contains(files));
-            MINIMAL.replace(files, &format!("source = \"stereo\"\n{prior}\n[optimise]\n{optimise}\n"))
-        };
-        let codes = |config: &RunConfig| config.notes().iter().map(|n| n.code.clone()).collect::<Vec<_>>();
-        let old = load(&stereo("max_height_m = 80", "min_height_m = 3.0\nmax_height_m = 150.0"), &[]).unwrap();
-        assert_eq!((old.heights.min_m, old.heights.max_m), (3.0, Some(80.0)), "nothing was found above the least");
-        assert_eq!(codes(&old), ["key_renamed"; 3]);
-        let new = load(&old.to_toml(), &[]).unwrap();
-        assert_eq!(new.heights, old.heights);
-        assert_eq!(codes(&new), Vec::<String>::new(), "what is saved has the new keys");
-        let set = load(&stereo("", ""), &["heights.max_m=50", "optimise.max_height_m=40"]).unwrap();
-        assert_eq!((set.heights.max_m, codes(&set).len()), (Some(40.0), 1), "the last assignment counts");
-        let both = load(&format!("{}\n[heights]\nmax_m = 70.0", stereo("", "max_height_m = 20.0")), &[]).unwrap();
-        assert_eq!(both.heights.max_m, Some(70.0));
-        assert!(both.notes()[0].message.contains("does not count beside"), "{:?}", both.notes());
-        let masks = MINIMAL.replace(
-            "path = \"footprints.gpkg\"",
-            "source = \"masks\"\npath = \"m/{stem}.png\"\nkind = \"instance\"\noutline = \"roof\"",
-        );
-        let roofs = load(&masks, &[]).unwrap();
-        assert_eq!(roofs.footprints.detection().map(|found| found.contour), Some(sizeup_footprints::ContourKind::Roof));
-        assert_eq!(codes(&roofs), ["key_renamed"]);
-        let error = load(&stereo("max_height_m = 80", "min_hight_m = 3.0"), &[]).unwrap_err().to_string();
-        assert!(error.contains("min_hight_m"), "{error}");
-    }
-
-    #[test]
     fn an_assignment_of_an_unknown_key_is_named() {
         let error = load(MINIMAL, &["optimise.epochz=3"]).unwrap_err().to_string();
         assert!(error.starts_with("--set optimise.epochz=3") && error.contains("epochz"), "{error}");
@@ -584,7 +527,7 @@ mod tests {
     fn the_assignment_that_brings_a_mistake_in_is_blamed_for_it() {
         let set = |assignments: &[&str]| {
             let assignments: Vec<String> = assignments.iter().map(|&a| a.to_owned()).collect();
-            parse_scene::<sizeup_lab::simulate::SimulateConfig>("", None, &assignments).unwrap_err()
+            parse_scene::<sizeup_truth::simulate::SimulateConfig>("", None, &assignments).unwrap_err()
         };
         // Both name the key; one of them may.
         for assignments in
@@ -592,7 +535,7 @@ mod tests {
         {
             let ConfigError::Set { assignment, hint, .. } = set(&assignments) else { panic!() };
             assert_eq!(assignment, "images.longest_px=640");
-            assert!(hint.contains("schema simulate"), "{hint}");
+            assert!(hint.contains("`sizeup-lab schema`"), "{hint}");
         }
     }
 

@@ -19,8 +19,16 @@ use sizeup_heights::scene::Prism;
 use sizeup_heights::views::from_all_sides;
 use sizeup_photos::prior::{DepthPrior, PriorKind};
 use sizeup_results::output::picture::{PhotoCrop, depth_picture, photo_of};
-use sizeup_results::report::{BuildingEvidence, ComparedPair, Crop, EdgeLine, LineKind, ReportConfig};
+use sizeup_results::report::{BuildingEvidence, ComparedPair, Crop, EdgeLine, LineKind};
 use sizeup_survey::{Survey, View};
+
+/// Buildings shown with photos, depths and score curves, at most: doubtful ones first, then the least certain. Each adds some
+/// 100 kB to the page.
+const EVIDENCE_BUILDINGS: usize = 40;
+/// Photos of each of them, at most.
+const EVIDENCE_VIEWS: usize = 4;
+/// Width of their cut-outs, pixels, at most.
+const PICTURE_PX: u32 = 320;
 
 /// Photos whose priors are computed anew where neither file nor cache holds them, at most: a network takes seconds for each.
 const MAX_COMPUTED_VIEWS: usize = 12;
@@ -39,8 +47,7 @@ pub(super) fn gather(
     heights: &HeightStage,
     priors: &PriorStore,
 ) -> Vec<BuildingEvidence> {
-    let settings = &config.output.report;
-    let wanted = choose(settings, &heights.solution.heights, |view| priors.is_at_hand(view));
+    let wanted = choose(&heights.solution.heights, |view| priors.is_at_hand(view));
     let problem = Problem {
         scene: &stage.scene,
         views: &view_inputs(config, survey, &stage.scene),
@@ -54,12 +61,12 @@ pub(super) fn gather(
         progress: &|_, _, _| {},
     };
     let inspections = inspect(&problem, &for_priors(&config.prior, &config.optimise), &heights.solution, &wanted);
-    let by_view = crops_by_view(&inspections, &problem, settings.evidence_views);
+    let by_view = crops_by_view(&inspections, &problem, EVIDENCE_VIEWS);
     let solved = &heights.solution.heights;
     let heights_m: Vec<f32> =
         solved.iter().map(|h| h.height_m.map_or(stage.scene.bounds.min_m, |h| h as f32)).collect();
     let tracer = SceneTracer::new(&stage.scene, &heights_m);
-    let crops = Studio { config: settings, survey, stage, solved, tracer, priors }.shoot_all(&by_view, &inspections);
+    let crops = Studio { survey, stage, solved, tracer, priors }.shoot_all(&by_view, &inspections);
     let pairs = inspections.into_iter().zip(crops);
     pairs.map(|(inspection, crops)| evidence_of(heights.solved[inspection.building], inspection, crops)).collect()
 }
@@ -75,11 +82,7 @@ fn evidence_of(building: usize, inspection: Inspection, mut crops: Vec<Crop>) ->
 
 /// The buildings to show with the views to look at them in: doubtful ones first, then the least certain. Views whose
 /// priors are at hand cost nothing; of the others there are only some.
-fn choose(
-    config: &ReportConfig,
-    solved: &[SolvedHeight],
-    is_at_hand: impl Fn(usize) -> bool,
-) -> Vec<(usize, Vec<usize>)> {
+fn choose(solved: &[SolvedHeight], is_at_hand: impl Fn(usize) -> bool) -> Vec<(usize, Vec<usize>)> {
     let mut ranked: Vec<usize> = (0..solved.len()).filter(|&b| !solved[b].views.is_empty()).collect();
     let sigma = |b: usize| solved[b].sigma_m.unwrap_or(f64::INFINITY);
     ranked.sort_by(|&a, &b| {
@@ -89,13 +92,13 @@ fn choose(
     let mut computed: BTreeSet<usize> = BTreeSet::new();
     let mut wanted = Vec::new();
     for b in ranked {
-        if wanted.len() == config.evidence_buildings {
+        if wanted.len() == EVIDENCE_BUILDINGS {
             break;
         }
         let (mut views, others): (Vec<usize>, Vec<usize>) =
             solved[b].views.iter().partition(|&&view| is_at_hand(view) || computed.contains(&view));
         for view in others {
-            if views.len() < config.evidence_views && computed.len() < MAX_COMPUTED_VIEWS {
+            if views.len() < EVIDENCE_VIEWS && computed.len() < MAX_COMPUTED_VIEWS {
                 computed.insert(view);
                 views.push(view);
             }
@@ -127,7 +130,6 @@ fn crops_by_view(inspections: &[Inspection], problem: &Problem<'_>, n_views: usi
 
 /// Maker of the report's pictures, with what they are rendered from.
 struct Studio<'a> {
-    config: &'a ReportConfig,
     survey: &'a Survey,
     stage: &'a SceneStage,
     solved: &'a [SolvedHeight],
@@ -201,7 +203,7 @@ impl Studio<'_> {
 
     /// Size of its picture: never larger than the part of the photo.
     fn size_px(&self, cut: PhotoCrop) -> [u32; 2] {
-        let scale = (f64::from(self.config.picture_px.max(1)) / cut.size.x).min(1.0);
+        let scale = (f64::from(PICTURE_PX) / cut.size.x).min(1.0);
         (cut.size * scale).round().max(DVec2::ONE).to_array().map(|n| n as u32)
     }
 
@@ -282,17 +284,20 @@ mod tests {
         let solved = |b: usize| SolvedHeight {
             height_m: Some(9.0),
             sigma_m: Some(b as f64),
-            views: (3 * b..3 * b + 3).collect(),
+            views: (6 * b..6 * b + 6).collect(),
             reasons: if b == 2 { vec![Reason::TooFewViews] } else { Vec::new() },
             ..SolvedHeight::default()
         };
-        let solved: Vec<SolvedHeight> = (0..30).map(solved).collect();
-        let config = ReportConfig { evidence_buildings: 20, evidence_views: 2, ..ReportConfig::default() };
-        let at_hand = choose(&config, &solved, |_| true);
-        assert_eq!((at_hand.len(), &at_hand[0]), (20, &(2, vec![6, 7, 8])), "the doubtful one first, in all its views");
-        assert_eq!(at_hand[1].0, 29, "then the least certain");
-        let computed = choose(&config, &solved, |_| false);
-        assert_eq!(computed[0], (2, vec![6, 7]));
+        let solved: Vec<SolvedHeight> = (0..50).map(solved).collect();
+        let at_hand = choose(&solved, |_| true);
+        assert_eq!(
+            (at_hand.len(), &at_hand[0]),
+            (EVIDENCE_BUILDINGS, &(2, (12..18).collect())),
+            "the doubtful one first, in all its views"
+        );
+        assert_eq!(at_hand[1].0, 49, "then the least certain");
+        let computed = choose(&solved, |_| false);
+        assert_eq!(computed[0], (2, (12..16).collect()));
         assert_eq!(computed.iter().map(|(_, views)| views.len()).sum::<usize>(), MAX_COMPUTED_VIEWS);
     }
 }

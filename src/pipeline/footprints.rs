@@ -10,9 +10,10 @@ use super::dtm::terrain_in_force;
 use super::stages::load_terrain;
 use super::{FootprintStage, HeightStage, PipelineError, pictures};
 use crate::config::RunConfig;
-use sizeup_footprints::{ContourKind, ContourSource, Detection, FootprintSource, MaskFiles, Segmenter};
+use sizeup_footprints::{ContourSource, Detection, FootprintSource, MaskFiles, Segmenter};
 use sizeup_geo::issue::{Severity, Subject};
 use sizeup_geo::terrain::{self, LoadedTerrain, MapBox, Terrain, ground_under};
+use sizeup_photos::onnx::is_profile_file;
 use sizeup_photos::prior::{PriorError, PriorSource};
 use sizeup_survey::{Survey, View, ViewKind};
 
@@ -161,12 +162,7 @@ fn corners_on(view: &View, level_m: f64) -> Vec<(f64, f64)> {
 
 /// Whether roof contours wait for heights, and how often they may be moved.
 pub(super) fn roof_rounds(config: &RunConfig, footprints: &FootprintStage) -> usize {
-    match config.footprints.detection() {
-        Some(settings) if settings.contour == ContourKind::Roof && footprints.tracks.is_some() => {
-            settings.consensus.roof_rounds
-        }
-        _ => 0,
-    }
+    footprints.tracks.as_ref().map_or(0, |_| config.footprints.roof_rounds())
 }
 
 /// Moves roof contours to the heights found; whether any of them moved.
@@ -196,6 +192,7 @@ pub fn files(config: &RunConfig, survey: &Survey) -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = config.footprints.file().into_iter().collect();
     if let FootprintSource::Network(network) = &config.footprints {
         files.extend(network.backbones.values().cloned());
+        files.extend(network.profile.iter().filter(|profile| is_profile_file(profile)).map(PathBuf::from));
     }
     if let FootprintSource::Masks(masks) = &config.footprints
         && let Ok(masks) = MaskFiles::new(masks.clone())

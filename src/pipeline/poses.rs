@@ -7,7 +7,7 @@ use sizeup_geo::crs::Crs;
 use sizeup_geo::files::write_json;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::{self, MapBox, Terrain, TerrainConfig, TerrainError};
-use sizeup_photos::align::{self, AlignError, AlignReport, AlignWhen, Aligned, CameraCorrection};
+use sizeup_photos::align::{self, AlignError, AlignReport, AlignWhen, Aligned, CameraCorrection, MAX_MISFIT_PX};
 use sizeup_photos::quality;
 use sizeup_survey::{Survey, View};
 
@@ -53,7 +53,7 @@ pub(super) fn fitted(config: &RunConfig, survey: Survey, tell: Tell<'_>) -> Resu
         Err(_) => return Ok(survey),
     };
     tracing::debug!("photos lie {misfit_px:?} pixels off under the given poses");
-    let is_poor = misfit_px.is_some_and(|misfit_px| misfit_px > config.align.max_misfit_px);
+    let is_poor = misfit_px.is_some_and(|misfit_px| misfit_px > MAX_MISFIT_PX);
     // A focal length that is off hides in the heights of points.
     let is_calibrated = config.align.focal_sigma_percent == 0.0;
     if !is_poor && !is_wanted && is_calibrated {

@@ -14,6 +14,9 @@ use sizeup_results::output::{CityModel, picture};
 use sizeup_results::report::{self, Backdrop, LevelFit, Report, SolverPass, ViewUse};
 use sizeup_survey::{Survey, SurveyReport, View, ViewKind};
 
+/// Longer side of the picture under the map, pixels, at most: nadir photos laid on the ground. It takes some 500 kB.
+const BACKDROP_PX: u32 = 1400;
+
 /// Writes `report.html` beside the results.
 pub(super) fn write(
     config: &RunConfig,
@@ -41,7 +44,7 @@ pub(super) fn write(
         survey: survey_report(config),
         evidence: evidence::gather(config, model.survey, stage, heights, priors),
         overview,
-        backdrop: lay_photos(config, model, &stage.terrain, backdrop::TOWN),
+        backdrop: lay_photos(model, &stage.terrain, backdrop::TOWN),
         config: config.saved().to_toml(),
     };
     Ok(report::write(&folder.join("report.html"), &report)?)
@@ -50,19 +53,14 @@ pub(super) fn write(
 /// Cells of the ground in the page of a city are at least so wide, metres.
 const CITY_CELL_M: f64 = 5.0;
 
-fn lay_photos(
-    config: &RunConfig,
-    model: &CityModel<'_>,
-    terrain: &Terrain,
-    effort: backdrop::Effort,
-) -> Option<Backdrop> {
-    backdrop::lay(&model.survey.views, model.records, terrain, config.output.report.backdrop_px, effort)
+fn lay_photos(model: &CityModel<'_>, terrain: &Terrain, effort: backdrop::Effort) -> Option<Backdrop> {
+    backdrop::lay(&model.survey.views, model.records, terrain, BACKDROP_PX, effort)
 }
 
 /// The photos that may lie under the map of a city: where they change, so may its page.
 #[must_use]
 pub fn photos_for_city_report<'a>(config: &RunConfig, views: &'a [View]) -> Vec<&'a Path> {
-    let is_asked = config.output.report.page && config.output.report.backdrop_px > 0;
+    let is_asked = config.output.report.page;
     backdrop::at_hand(views).filter(|_| is_asked).filter_map(|view| view.image.as_deref()).collect()
 }
 
@@ -85,7 +83,7 @@ pub fn write_city_report(
         ViewKind::Oblique => ViewUse::NotNeeded,
         _ => ViewUse::NotOblique,
     };
-    let backdrop = lay_photos(config, model, &terrain, backdrop::CITY);
+    let backdrop = lay_photos(model, &terrain, backdrop::CITY);
     let shown: BTreeSet<&str> = backdrop.iter().flat_map(|b| &b.photos).map(String::as_str).collect();
     let shown = model.survey.views.iter().filter(|view| shown.contains(view.id.0.as_str()));
     let photos = shown.filter_map(|view| view.image.clone()).collect();

@@ -152,7 +152,7 @@ fn run_marked(
     let records = records((config, stage.scene.bounds), &survey, &footprints, (&heights, &heights.ground), reviews);
     let mut issues = all_issues(config, &survey, &footprints, &heights);
     issues.extend(reviews.unmatched(records.as_slice())?);
-    issues.extend(cityjson::check(&records, &config.output.cityjson)?);
+    issues.extend(cityjson::check(&records)?);
     sum_up(&mut summary, &records, &mut issues);
     let priors = priors.map_or_else(|| PriorStore::open(config, &survey, &stage), Ok)?;
     let survey = moved(&survey, heights.moved_m()).into_owned();
@@ -385,7 +385,6 @@ fn all_issues(config: &RunConfig, survey: &Survey, footprints: &FootprintStage, 
     issues.extend(footprints.layer.issues.iter().chain(&footprints.issues).cloned());
     issues.extend(view_issues(survey, heights).chain(unstated_reference(config)));
     issues.extend(moved_footprints(footprints, heights));
-    issues.extend(config.notes().iter().cloned());
     issues
 }
 

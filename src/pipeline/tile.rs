@@ -18,9 +18,7 @@ use super::settings::part_settings;
 use super::stages::{SceneStage, lineage_of, load_terrain, reviews_of, terrain_around, view_issues};
 use super::{FootprintStage, Frame, GroundTold, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact};
 use crate::config::RunConfig;
-use sizeup_footprints::{
-    self, ContourKind, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint,
-};
+use sizeup_footprints::{self, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint};
 use sizeup_geo::hashes::Content;
 use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::{MapBox, Terrain};
@@ -60,8 +58,6 @@ pub struct PartHeights {
 
 /// Path at which the footprints of a whole city are kept for its parts, if they were found in photos; in the folder of the results.
 const FOUND_FOOTPRINTS: &str = "tiles/footprints.gpkg";
-/// Path at which plans of the version before have them, and the name of the layer; read for one version.
-const FOUND_BEFORE: [&str; 2] = ["tiles/outlines.gpkg", "outlines"];
 
 /// The layer that parts of a city read their footprints from: the configuration's, or the one that [`find_footprints`] leaves
 /// behind.
@@ -69,23 +65,17 @@ const FOUND_BEFORE: [&str; 2] = ["tiles/outlines.gpkg", "outlines"];
 /// # Errors
 /// [`PipelineError::Settings`] for roof contours that move with the heights.
 pub fn layer_of(config: &RunConfig) -> Result<Cow<'_, FootprintConfig>, PipelineError> {
-    let found = match (&config.footprints, config.footprints.detection()) {
-        (FootprintSource::Layer(layer), _) => return Ok(Cow::Borrowed(layer)),
-        (_, found) => found,
-    };
-    if found.is_some_and(|found| found.contour == ContourKind::Roof && found.consensus.roof_rounds > 0) {
+    if let FootprintSource::Layer(layer) = &config.footprints {
+        return Ok(Cow::Borrowed(layer));
+    }
+    if config.footprints.roof_rounds() > 0 {
         return Err(PipelineError::Settings {
             table: "footprints",
             message: "footprints of roofs move with the heights, which tiles find one by one".to_owned(),
-            hint: "set footprints.consensus.roof_rounds = 0: roofs are then laid where the photos' footprints fit best",
+            hint: "set footprints.roof_rounds = 0: roofs are then laid where the photos' footprints fit best",
         });
     }
-    let [path, before] = [FOUND_FOOTPRINTS, FOUND_BEFORE[0]].map(|name| config.project.output.join(name));
-    if !path.exists() && before.exists() {
-        let layer = Some(FOUND_BEFORE[1].to_owned());
-        return Ok(Cow::Owned(FootprintConfig { layer, ..sizeup_footprints::plain_config(before) }));
-    }
-    Ok(Cow::Owned(sizeup_footprints::plain_config(path)))
+    Ok(Cow::Owned(sizeup_footprints::plain_config(config.project.output.join(FOUND_FOOTPRINTS))))
 }
 
 /// Finds the footprints of a whole city in its photos, once for all of its parts; returns what was refused, and issues, without
@@ -141,7 +131,6 @@ pub fn footprints_around(
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PartHashes {
     /// Footprints, each with its ground.
-    #[serde(alias = "outlines")]
     pub footprints: Content,
     /// The terrain around them, as it was read; `None` where no footprint has ground.
     pub terrain: Option<Content>,

@@ -228,7 +228,7 @@ fn write(
     let inputs = inputs_of(check, tile, part, &used)?;
     let lineage = part.lineage(&format!("sizeup tiles run --tile {}", tile.id), inputs);
     let config = &check.manifest.config;
-    issues.extend(cityjson::check(&own, &config.output.cityjson)?);
+    issues.extend(cityjson::check(&own)?);
     issues.extend(unmeasured(&own, &issues));
     let model = CityModel {
         records: own.as_slice(),

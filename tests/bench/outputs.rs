@@ -74,7 +74,7 @@ fn main() {
     let write_seq =
         || cityjson::write_sequence(&at("a.city.jsonl"), &model, &CityJsonConfig::default()).expect("written");
     let write_gpkg = || geopackage::write(&at("a.gpkg"), &model, &GeoPackageConfig::default()).expect("written");
-    let write_fgb = || flatgeobuf::write(&at("a.fgb"), &model, &GeoPackageConfig::default()).expect("written");
+    let write_fgb = || flatgeobuf::write(&at("a.fgb"), &model).expect("written");
     let write_tiles = || tiles3d::write(&at("tiles"), &model, &tiles).expect("written");
     let read = |name: &str| FoundBuildings::read(&at(name), &ReadOptions::default()).expect("read").to_records().len();
     let stream = |name: &str| {

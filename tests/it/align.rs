@@ -10,6 +10,8 @@ use glam::{DMat3, DQuat, DVec3};
 use serde_json::Value;
 use tempfile::TempDir;
 
+use crate::tiny_scene::lab;
+
 fn sizeup(args: &[&str], threads: &str) -> Output {
     Command::cargo_bin("sizeup").unwrap().args(args).env("RAYON_NUM_THREADS", threads).output().unwrap()
 }
@@ -63,7 +65,7 @@ fn simulate(folder: &Path, position_m: &str, angle_deg: &str) {
     ];
     let mut args = vec!["simulate", "--preset", "district", "--output", folder.to_str().unwrap()];
     settings.iter().chain([&position.as_str(), &angle.as_str()]).for_each(|setting| args.extend(["--set", setting]));
-    let made = sizeup(&args, "2");
+    let made = lab().args(&args).env("RAYON_NUM_THREADS", "2").output().unwrap();
     assert!(made.status.success(), "{}", text_of(&made.stderr));
 }
 
@@ -255,6 +257,6 @@ fn what_cannot_be_aligned_is_refused_with_a_hint_and_nothing_is_written() {
     assert!(code == Some(3) && told.contains("how high the ground is") && told.contains("hint"), "{told}");
     let (code, told) = align(&["--ground", "80"]);
     assert!(code == Some(3) && told.contains("0 of 2 poses have a photo") && told.contains("--images"), "{told}");
-    let (code, told) = align(&["--ground", "80", "--set", "align.n_neighbours=1"]);
-    assert!(code == Some(2) && told.contains("n_neighbours") && told.contains("2 to 24"), "{told}");
+    let (code, told) = align(&["--ground", "80", "--set", "align.long_side_px=1"]);
+    assert!(code == Some(2) && told.contains("long_side_px") && told.contains("320 to 8192"), "{told}");
 }

@@ -286,30 +286,6 @@ fn what_cannot_be_compared_is_said_with_a_hint_and_nothing_is_written() {
 }
 
 #[test]
-fn names_of_the_version_before_are_read_with_a_note() {
-    let folder = tempfile::tempdir().unwrap();
-    for (name, id) in [("old.gpkg", "o"), ("new.gpkg", "n")] {
-        write_result(&folder.path().join(name), &street(id, 3), CRS, NORMAL);
-    }
-    let old = ["--outline-sigma", "0.7", "--area", "outlines"];
-    let outcome = run(folder.path(), &[&["old.gpkg", "new.gpkg", "--output", "changes"], &old[..]].concat());
-    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
-    for said in ["`--outline-sigma` is read as `--footprint-sigma`", "`--area outlines` is read as `--area footprints`"]
-    {
-        assert!(outcome.stderr.contains(said), "{}", outcome.stderr);
-    }
-    let text = fs::read_to_string(folder.path().join("changes/changes.json")).unwrap();
-    let report: ChangesReport = serde_json::from_str(&text).unwrap();
-    assert_eq!((report.config.footprint_sigma_m, report.config.area), (0.7, AreaRule::Footprints));
-    // A report that has the old names is one too.
-    let mut before: Value = serde_json::from_str(&text).unwrap();
-    let config = before["config"].as_object_mut().unwrap();
-    let sigma_m = config.remove("footprint_sigma_m").unwrap();
-    config.extend([("outline_sigma_m".to_owned(), sigma_m), ("area".to_owned(), "outlines".into())]);
-    assert_eq!(serde_json::from_value::<ChangesReport>(before).unwrap(), report);
-}
-
-#[test]
 fn one_thread_or_many_come_to_the_same_bytes() {
     let (old, mut new) = (street("o", 40), street("n", 40));
     for (i, record) in new.iter_mut().enumerate() {

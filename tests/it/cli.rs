@@ -17,19 +17,7 @@ fn outcome(args: &[&str]) -> Outcome {
 fn help_of_every_subcommand_reads_well() {
     let overview = outcome(&["--help"]);
     assert_eq!((overview.code, &*overview.stderr), (0, ""));
-    let commands = [
-        "init",
-        "run",
-        "footprints",
-        "simulate",
-        "evaluate",
-        "changes",
-        "baseline",
-        "look",
-        "benchmark",
-        "demo",
-        "schema",
-    ];
+    let commands = ["init", "run", "footprints", "evaluate", "changes", "look", "demo", "schema"];
     for command in commands {
         assert!(overview.stdout.lines().any(|line| line.trim_start().starts_with(command)), "{}", overview.stdout);
         let help = outcome(&[command, "--help"]);
@@ -57,6 +45,17 @@ fn a_call_without_arguments_shows_the_help_and_is_a_usage_error() {
     let unknown = outcome(&["measure"]);
     assert_eq!((unknown.code, &*unknown.stdout), (2, ""));
     assert!(unknown.stderr.contains("measure"));
+}
+
+#[test]
+fn a_command_of_the_laboratory_is_a_usage_error_with_a_hint() {
+    for command in ["baseline", "benchmark", "simulate"] {
+        let overview = outcome(&["--help"]).stdout;
+        assert!(!overview.lines().any(|line| line.trim_start().starts_with(command)), "{overview}");
+        let refused = outcome(&[command, "--output", "out"]);
+        assert_eq!((refused.code, &*refused.stdout), (2, ""));
+        assert!(refused.stderr.contains(&format!("`sizeup-lab {command}`")), "{}", refused.stderr);
+    }
 }
 
 #[test]
@@ -244,23 +243,11 @@ fn a_configuration_that_is_not_there_is_named() {
 }
 
 #[test]
-fn flags_stand_for_a_configuration_file() {
-    let scene = Scene::new();
-    // The simulated model is local: its offset has to be given too.
-    let text = fs::read_to_string(scene.path("sizeup.toml")).unwrap();
-    let offset = text.lines().find(|line| line.starts_with("offset")).unwrap().replace(" = ", "=");
-    let flags = ["run", "--crs", "EPSG:25832", "--survey", "sparse", "--footprints", "footprints.gpkg"];
-    let more = ["--dtm", "dtm.tif", "--priors", "priors/{stem}.npy", "--prior-kind", "inverse-depth"];
-    let set = format!("survey.{offset}");
-    let low =
-        ["--output", "flags", "--set", &set, "--set", "optimise.working_px=160", "--set", "output.pictures=false"];
-    let outcome = scene.sizeup(&[&flags[..], &more, &low].concat());
-    assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
-    assert!(scene.path("flags/city.city.json").exists());
-
-    let missing = scene.sizeup(&[&flags[..], &["--priors", "priors/{stem}.npy"]].concat());
-    assert_eq!(missing.code, 2);
-    assert!(missing.stderr.contains("--prior-kind"), "{}", missing.stderr);
+fn a_run_without_a_configuration_is_refused_with_a_hint() {
+    let folder = tempfile::tempdir().unwrap();
+    let refused: Outcome = sizeup().current_dir(folder.path()).arg("run").output().unwrap().into();
+    assert_eq!((refused.code, &*refused.stdout), (2, ""));
+    assert!(refused.stderr.contains("`sizeup init FOLDER` writes one"), "{}", refused.stderr);
 }
 
 #[test]
@@ -343,7 +330,7 @@ fn evaluating_what_cannot_be_compared_is_bad_input() {
 fn simulating_nonsense_is_a_usage_error() {
     let scene = Scene::new();
     for set in ["town.n_buildings=0", "camera.width_px=3", "flight.patern=free"] {
-        let refused = scene.sizeup(&["simulate", "--output", "out", "--set", set]);
+        let refused = scene.lab(&["simulate", "--output", "out", "--set", set]);
         assert_eq!((refused.code, &*refused.stdout), (2, ""), "{set}: {}", refused.stderr);
         assert!(!scene.path("out").exists());
     }

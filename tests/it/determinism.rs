@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use sizeup::config::RunConfig;
 use sizeup::pipeline::{self, RunOptions, Stage};
 
-use crate::tiny_scene::{N_BUILDINGS, Scene, sizeup};
+use crate::tiny_scene::{N_BUILDINGS, Scene, lab, sizeup};
 
 /// Every result by its name.
 fn read_results(scene: &Scene) -> Vec<(String, Vec<u8>)> {
@@ -125,7 +125,7 @@ fn a_simulated_scene_is_the_same_from_the_command_line_on_any_number_of_threads(
         let n_buildings = format!("town.n_buildings={N_BUILDINGS}");
         let settings =
             [&*n_buildings, "flight.n_views=6", "camera.width_px=128", "camera.height_px=96", "prior.longest_px=64"];
-        let mut command = sizeup();
+        let mut command = lab();
         command.args(["simulate", "--quiet", "--threads", threads, "--preset", "village", "--output"]).arg(&out);
         for setting in settings {
             command.args(["--set", setting]);

@@ -85,7 +85,7 @@ fn descriptions_in_schemas_begin_with_what_a_thing_is() {
         }
     }
     let mut found = Vec::new();
-    for name in ["run", "simulate", "changes", "align", "progress"] {
+    for name in ["run", "depth-network", "footprint-network", "simulate", "changes", "align", "progress"] {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("schemas/{name}.schema.json"));
         look(&serde_json::from_slice(&fs::read(path).unwrap()).unwrap(), &mut found);
     }

@@ -9,6 +9,7 @@ use clap::{CommandFactory as _, Parser as _};
 use sizeup::cli::Cli;
 use sizeup::config::RunConfig;
 use sizeup::survey::Format;
+use sizeup_lab::cli::Lab;
 use toml::{Table, Value};
 
 use crate::skipped::skip;
@@ -107,11 +108,19 @@ impl Document {
 
 /// The command in a line, after a prompt, the time that it takes, or a column of other things.
 fn command_in(line: &str) -> Option<&str> {
-    let at = line.find("sizeup ")?;
+    let at = line.find("sizeup ").or_else(|| line.find("sizeup-lab "))?;
     let before = line[..at].trim_start();
     let is_command = ["", "$ ", "/usr/bin/time -v ", "time "].contains(&before) || before.ends_with("   ");
-    let subcommand = line[at + 7..].split_whitespace().next()?;
+    let subcommand = line[at..].split_whitespace().nth(1)?;
     (is_command && subcommand.starts_with(|c: char| c.is_ascii_lowercase() || c == '-')).then(|| &line[at..])
+}
+
+/// Whether the program, or its laboratory, takes a command.
+fn parse(words: &[String]) -> Result<(), clap::Error> {
+    match words[0].as_str() {
+        "sizeup-lab" => Lab::try_parse_from(words).map(drop),
+        _ => Cli::try_parse_from(words).map(drop),
+    }
 }
 
 /// The words of a command as a shell would part them, up to a comment, a remark in the next column, or another command.
@@ -164,7 +173,7 @@ fn every_command_of_the_documents_is_one_that_the_program_takes() {
     for document in documents().iter().filter(|document| document.name != "docs/reference.md") {
         for (line, words) in document.commands() {
             n += 1;
-            if let Err(e) = Cli::try_parse_from(&words)
+            if let Err(e) = parse(&words)
                 && !matches!(e.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion)
             {
                 wrong.push(format!("{}:{line}: {}\n{e}", document.name, words.join(" ")));
@@ -181,14 +190,16 @@ fn commands_within_sentences_name_what_there_is() {
     for document in documents() {
         for (line, language, text) in document.lines() {
             let quoted = text.split('`').skip(1).step_by(2).filter(|_| language.is_none());
-            for command in quoted.filter(|quoted| quoted.starts_with("sizeup ")) {
+            for command in
+                quoted.filter(|quoted| ["sizeup ", "sizeup-lab "].iter().any(|program| quoted.starts_with(program)))
+            {
                 n += 1;
                 let shown = command.split('…').next().unwrap_or_default();
                 // What a sentence leaves out is no mistake; a command or an option that does not exist is.
                 let faults = [ErrorKind::UnknownArgument, ErrorKind::InvalidSubcommand];
                 let is_version = |word: &String| word.starts_with(|c: char| c.is_ascii_digit());
                 let words = words(shown);
-                if let Err(e) = Cli::try_parse_from(&words)
+                if let Err(e) = parse(&words)
                     && faults.contains(&e.kind())
                     && !words.get(1).is_some_and(is_version)
                 {
@@ -357,7 +368,8 @@ fn can_run(scene: &Scene, words: &[String]) -> bool {
         !word.contains('=') && (endings.iter().any(|ending| word.ends_with(ending)) || word.contains('/'))
     };
     let reads = || (2..words.len()).filter(|&i| !is_output(i) && is_file(&words[i]));
-    ENDS.contains(&words[1].as_str())
+    words[0] == "sizeup"
+        && ENDS.contains(&words[1].as_str())
         && reads().next().is_some()
         && reads().all(|i| scene.path(&words[i]).exists())
         && !words.iter().any(|word| word == "--tiled")

@@ -7,16 +7,16 @@ use std::process::Command;
 
 use glam::DVec3;
 use serde_json::{Value, json};
-use sizeup::baseline::convex_hull;
 use sizeup::crs::{Crs, Transform};
 use sizeup::evaluate::solid::{Solid, write_obj};
 use sizeup::geodata::raster::RasterFile;
 use sizeup::simulate::simulate;
+use sizeup_lab::baseline::convex_hull;
 
 use crate::evaluating::{evaluate, number, report};
 use crate::shared_data::shared_data;
 use crate::skipped::skip;
-use crate::tiny_scene::{Outcome, Scene, config, sizeup};
+use crate::tiny_scene::{Outcome, Scene, config, lab};
 
 /// A house with a gable along x; without a rise it is a box.
 fn house(id: &str, [x, y, z]: [f64; 3], [w, d, eave, rise]: [f64; 4]) -> Solid {
@@ -382,7 +382,7 @@ fn baselines_run_on_what_a_run_takes() {
     simulate(&scene, folder.path(), &|_, _| {}).unwrap();
     let baseline = |method: &str, more: &[&str]| -> (Outcome, PathBuf) {
         let output = folder.path().join(method);
-        let mut command = sizeup();
+        let mut command = lab();
         command.current_dir(folder.path()).args([
             "baseline",
             method,

@@ -5,8 +5,7 @@ use glam::DVec3;
 use serde_json::{Value, json};
 use sizeup::evaluate::evaluate_footprints;
 use sizeup::footprint::{
-    CadastreConfig, ConsensusConfig, ContourKind, Detection, DetectionSettings, FootprintConfig, FootprintSource,
-    InputAccuracy, MaskFiles, detect,
+    ConsensusConfig, ContourKind, Detection, DetectionSettings, FootprintSource, InputAccuracy, MaskFiles, detect,
 };
 use sizeup::issue::Subject;
 use sizeup::raster::Raster;
@@ -176,24 +175,13 @@ fn coco_contours_that_cross_themselves_or_leave_the_photo_are_put_right() {
 #[test]
 fn settings_out_of_range_are_named() {
     let (views, _) = town();
-    let accuracy = InputAccuracy::default();
-    let consensus = ConsensusConfig { cell_m: 0.0, ..ConsensusConfig::default() };
+    let accuracy = InputAccuracy { angle_deg: -1.0, ..InputAccuracy::default() };
+    let consensus = ConsensusConfig::default();
     let settings =
         DetectionSettings { contour: ContourKind::Ground, accuracy: &accuracy, consensus: &consensus, cadastre: None };
     let folder = tempfile::tempdir().unwrap();
     let FootprintSource::Masks(masks) = source_of(folder.path(), INSTANCES) else { unreachable!() };
     let source = MaskFiles::new(masks).unwrap();
     let error = detect(&source, &views, &GROUND, settings, &crs()).unwrap_err().to_string();
-    assert!(error.contains("cell_m = 0"), "{error}");
-    let consensus = ConsensusConfig::default();
-    let cadastre = CadastreConfig {
-        layer: FootprintConfig::new("none.gpkg"),
-        min_iou: 0.9,
-        same_iou: 0.5,
-        footprint_from: sizeup::footprint::FootprintFrom::Layer,
-    };
-    let settings = DetectionSettings { consensus: &consensus, cadastre: Some(&cadastre), ..settings };
-    with_masks(folder.path());
-    let error = detect(&source, &views, &GROUND, settings, &crs()).unwrap_err().to_string();
-    assert!(error.contains("min_iou = 0.9"), "{error}");
+    assert!(error.contains("angle_deg = -1"), "{error}");
 }

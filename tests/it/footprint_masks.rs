@@ -352,9 +352,11 @@ fn a_network_that_stops_is_told_with_one_hint_and_is_no_fault_of_the_photo() {
     let folder = tempfile::tempdir().unwrap();
     let (views, _) = with_photo(folder.path(), &[[230; 3], [230; 3]]);
     // The embedded engine loads this graph and cannot run it.
-    let source = json!({"source": "network", "model": fixture("pad_by_axes.onnx"), "custom": {
-        "name": "mine", "about": "a test", "inputs": ["image"], "side_px": 64, "mean": [0.0, 0.0, 0.0],
-        "std": [1.0, 1.0, 1.0], "masks": ["depth"], "gives": "semantic", "activation": "none", "licence": "none"}});
+    let profile = folder.path().join("mine.toml");
+    let text = "name = 'mine'\nabout = 'a test'\ninputs = ['image']\nside_px = 64\nmean = [0.0, 0.0, 0.0]\nstd = [1.0, 1.0, 1.0]\n\
+                masks = ['depth']\ngives = 'semantic'\nactivation = 'none'\nlicence = 'none'\n";
+    std::fs::write(&profile, text).unwrap();
+    let source = json!({"source": "network", "model": fixture("pad_by_axes.onnx"), "profile": profile});
     match find(&serde_json::from_value(source).unwrap(), &views, &GROUND) {
         Err(FootprintError::Masks { problem, hint }) => {
             assert!(problem.contains("pad_by_axes.onnx failed: the embedded engine: "), "{problem}");

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use proptest::strategy::ValueTree as _;
 use sizeup::crs::Crs;
 use sizeup::footprint::clean::{CleaningRules, clean};
-use sizeup::footprint::{FootprintConfig, read};
+use sizeup::footprint::{FootprintConfig, MAX_AREA_CHANGE, read};
 use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::validate::{ValidateConfig, validate_file};
 use sizeup::output::{BuildingRecord, CityModel, HeightReference, Lineage, Status};
@@ -21,8 +21,8 @@ use crate::val3dity::assert_valid_to_val3dity;
 pub const AT: (f64, f64) = (565_450.0, 5_932_450.0);
 
 fn rules() -> CleaningRules {
-    let FootprintConfig { grid_m, min_area_m2, max_area_change, .. } = FootprintConfig::new("");
-    CleaningRules { grid_m, min_area_m2, max_area_change }
+    let FootprintConfig { grid_m, min_area_m2, .. } = FootprintConfig::new("");
+    CleaningRules { grid_m, min_area_m2, max_area_change: MAX_AREA_CHANGE }
 }
 
 pub fn block(id: &str, footprint: Polygon<f64>, height_m: f64) -> BuildingRecord {
@@ -205,7 +205,7 @@ fn a_footprint_that_is_mended_on_the_output_grid_is_named() {
     // A slit whose mouth is one millimetre wide.
     let slit = at(&[(20.0, 0.0), (25.0, 0.0), (25.0, 5.0), (25.001, 0.0), (30.0, 0.0), (30.0, 10.0), (20.0, 10.0)]);
     let blocks = [block("plain", plain, 5.0), block("slit", slit, 5.0)];
-    let issues = cityjson::check(&blocks, &CityJsonConfig::default()).unwrap();
+    let issues = cityjson::check(&blocks).unwrap();
     let told: Vec<_> = issues.iter().map(|issue| (issue.code.as_str(), issue.subject.name(), issue.severity)).collect();
     assert_eq!(told, [("footprint_mended_on_grid", "slit", sizeup::issue::Severity::Note)]);
     assert!(issues[0].message.contains("its area changed by") && issues[0].place.is_some(), "{:?}", issues[0]);

@@ -33,7 +33,7 @@ const GEOID_M: f64 = 39.9;
 /// For runs that are not about poses: to look whether photos fit them takes most of such a run's time.
 const AS_GIVEN: [&str; 2] = ["--set", "align.when=never"];
 
-/// A scene with photos, as `sizeup simulate` leaves it.
+/// A scene with photos, as `sizeup-lab simulate` leaves it.
 fn scene() -> &'static Path {
     static SCENE: OnceLock<TempDir> = OnceLock::new();
     SCENE.get_or_init(|| simulated(N_PHOTOS, [640, 480])).path()

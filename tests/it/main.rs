@@ -5,7 +5,6 @@
 mod align;
 mod annexes;
 mod batch;
-mod benchmark;
 mod changes;
 mod cityjson_of_others;
 mod cli;

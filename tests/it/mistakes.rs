@@ -683,8 +683,7 @@ fn the_doctor_names_networks_masks_and_a_folder_that_nobody_can_write() {
 #[test]
 fn a_height_that_is_a_guess_is_not_called_measured() {
     let scene = Scene::new();
-    let outcome =
-        scene.sizeup(&["baseline", "constant", "sizeup.toml", "--known", "truth.geojson", "--output", "guess"]);
+    let outcome = scene.lab(&["baseline", "constant", "sizeup.toml", "--known", "truth.geojson", "--output", "guess"]);
     assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
     let city = scene.json("guess/city.city.json");
     for (id, object) in city["CityObjects"].as_object().unwrap() {

@@ -84,13 +84,17 @@ fn configure(folder: &Path) {
         .replace("path = \"sparse\"\n", "path = \"sparse\"\nimages = \"images\"\n");
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/onnx/depth_of_brightness.onnx");
     let prior = format!(
-        "[prior]\nsource = \"network\"\nmodel = \"{}\"\n\n[prior.custom]\nname = \"painted\"\nabout = \"a test\"\n\
-         inputs = [\"image\"]\noutputs = [\"depth\"]\nkind = \"depth\"\nfit = \"longest_side\"\nside_px = {}\n\
-         multiple_of = 14\nmean = {MEAN:?}\nstd = {STD:?}\nsky_output = \"sky\"\nsky_above = 0.3\nlicence = \"ours\"\n\n\
+        "[prior]\nsource = \"network\"\nmodel = \"{}\"\nprofile = \"painted.toml\"\n\n\
          [optimise]\nworking_px = 224\n\n[output]\npictures = false\n\n[output.report]\npage = false\n",
-        model.display(),
+        model.display()
+    );
+    let profile = format!(
+        "name = \"painted\"\nabout = \"a test\"\n\
+         inputs = [\"image\"]\noutputs = [\"depth\"]\nkind = \"depth\"\nfit = \"longest_side\"\nside_px = {}\n\
+         multiple_of = 14\nmean = {MEAN:?}\nstd = {STD:?}\nsky_output = \"sky\"\nsky_above = 0.3\nlicence = \"ours\"\n",
         SIZE_PX.0
     );
+    fs::write(folder.join("painted.toml"), profile).unwrap();
     fs::write(&path, before_prior + &prior).unwrap();
 }
 

@@ -20,7 +20,7 @@ use sizeup::survey::{self, Survey, SurveyConfig, View, ViewKind};
 
 use crate::shared_data::shared_data;
 use crate::survey_real::rotterdam_survey;
-use crate::tiny_scene::{Outcome, sizeup, write_npy};
+use crate::tiny_scene::{Outcome, lab, sizeup, write_npy};
 
 /// Ground of the Warsaw block, metres: the median of the nine buildings' ground levels.
 const WARSAW_GROUND_M: f64 = 111.1;
@@ -279,7 +279,7 @@ fn a_shed_is_measured_beside_the_roof_of_its_neighbour_not_beside_a_block() {
     .replace('\n', " ");
     let folder = tempfile::tempdir().unwrap();
     let settings = ["seeds=[2]", "levels=[\"clean\"]", "towns=[]", "methods=[\"robust\"]", &town];
-    let mut benchmark = sizeup();
+    let mut benchmark = lab();
     benchmark.args(["benchmark", "accuracy", "--output"]).arg(folder.path());
     let outcome: Outcome =
         benchmark.args(settings.iter().flat_map(|setting| ["--set", setting])).output().unwrap().into();

@@ -246,7 +246,7 @@ fn a_photo_without_company_is_refused() {
     let priors = StereoPriors::new(StereoConfig::default(), &views, &Terrain::Constant(GROUND_Z_M)).unwrap();
     assert!(priors.load(&views[0]).unwrap_err().to_string().contains("overlap"));
     assert!(
-        StereoPriors::new(StereoConfig { window_px: 8, ..StereoConfig::default() }, &views, &Terrain::Constant(0.0))
+        StereoPriors::new(StereoConfig { long_side_px: 8, ..StereoConfig::default() }, &views, &Terrain::Constant(0.0))
             .is_err()
     );
 }

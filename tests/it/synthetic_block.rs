@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use geo_types::{Polygon, polygon};
 use glam::{DMat3, DVec3};
-use sizeup::baseline::{Norm, regression};
 use sizeup::camera::Camera;
 use sizeup::frames::Rigid;
 use sizeup::optimise::{
@@ -17,6 +16,7 @@ use sizeup::render::PlacedCamera;
 use sizeup::render::image::SceneTracer;
 use sizeup::scene::{HeightBounds, Scene};
 use sizeup::terrain::{GroundLevel, Terrain};
+use sizeup_lab::baseline::{Norm, regression};
 
 /// A 4 × 4 block of houses on level ground, two of them wall to wall, heights 4 to 34 m.
 struct Block {

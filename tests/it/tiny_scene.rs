@@ -61,6 +61,16 @@ pub fn sizeup() -> Command {
     command
 }
 
+/// The laboratory's binary, beside the program's: `cargo build --workspace` and `make test` build both.
+pub fn lab() -> Command {
+    let name = format!("sizeup-lab{}", std::env::consts::EXE_SUFFIX);
+    let path = Path::new(env!("CARGO_BIN_EXE_sizeup")).with_file_name(name);
+    assert!(path.is_file(), "{} is missing: cargo build --workspace", path.display());
+    let mut command = Command::new(path);
+    command.env_remove("RUST_LOG");
+    command
+}
+
 /// What a command left behind.
 pub struct Outcome {
     pub code: i32,
@@ -107,6 +117,11 @@ impl Scene {
     /// Any command in the scene's folder.
     pub fn sizeup(&self, args: &[&str]) -> Outcome {
         sizeup().current_dir(self.folder.path()).args(args).output().unwrap().into()
+    }
+
+    /// Any command of the laboratory in the scene's folder.
+    pub fn lab(&self, args: &[&str]) -> Outcome {
+        lab().current_dir(self.folder.path()).args(args).output().unwrap().into()
     }
 
     pub fn edit(&self, name: &str, change: impl FnOnce(String) -> String) {

@@ -2,7 +2,7 @@
 
     /usr/bin/python3 tests/qgis/plugin.py SCENE PROGRAM PICTURES [unittest's options]
 
-SCENE is a folder of `sizeup simulate` with photos, CAMERAS of it projected by the program in `cameras.json`. Prints nothing
+SCENE is a folder of `sizeup-lab simulate` with photos, CAMERAS of it projected by the program in `cameras.json`. Prints nothing
 but what fails.
 """
 

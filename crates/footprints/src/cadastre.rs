@@ -44,26 +44,15 @@ pub enum FootprintFrom {
 pub struct CadastreConfig {
     /// The layer and how to read it.
     pub layer: FootprintConfig,
-    /// Least intersection over union of a building and its counterpart, 0 to 1.
-    #[serde(default = "default_min_iou")]
-    #[schemars(extend("x-expert" = true))]
-    pub min_iou: f64,
-    /// Intersection over union from which on the footprint counts as the same, 0 to 1.
-    #[serde(default = "default_same_iou")]
-    #[schemars(extend("x-expert" = true))]
-    pub same_iou: f64,
     /// Which footprint matched buildings get: "layer" or "photos".
-    #[serde(default, alias = "outline_from")]
+    #[serde(default)]
     pub footprint_from: FootprintFrom,
 }
 
-fn default_min_iou() -> f64 {
-    0.3
-}
-
-fn default_same_iou() -> f64 {
-    0.75
-}
+/// Least intersection over union of a building and its counterpart.
+const MIN_IOU: f64 = 0.3;
+/// Intersection over union from which on a footprint counts as the same.
+const SAME_IOU: f64 = 0.75;
 
 impl CadastreConfig {
     /// Hands every path of these settings to `visit`, which may change it.
@@ -79,7 +68,6 @@ pub enum CadastreChange {
     /// In both, with the same footprint.
     Matched,
     /// In both, with another footprint.
-    #[serde(alias = "changed_outline")]
     ChangedFootprint,
     /// Found in the photos, and not in the layer.
     New,
@@ -126,14 +114,8 @@ pub fn conflate(
     config: &CadastreConfig,
     crs: &Crs,
 ) -> Result<Conflation, FootprintError> {
-    if !(config.min_iou > 0.0 && config.min_iou <= config.same_iou && config.same_iou <= 1.0) {
-        return Err(FootprintError::Masks {
-            problem: format!("cadastre: min_iou = {}, same_iou = {}", config.min_iou, config.same_iou),
-            hint: "expected 0 < min_iou ≤ same_iou ≤ 1".to_owned(),
-        });
-    }
     let known = layer::read(&config.layer, crs)?;
-    let pairs = pairs(footprints, &known.footprints, config.min_iou);
+    let pairs = pairs(footprints, &known.footprints, MIN_IOU);
     let mut counterpart = vec![None; footprints.len()];
     let mut is_found = vec![false; known.footprints.len()];
     for &(found, old, iou) in &pairs {
@@ -154,7 +136,7 @@ pub fn conflate(
             continue;
         };
         let old = &known.footprints[old];
-        let change = if iou >= config.same_iou { CadastreChange::Matched } else { CadastreChange::ChangedFootprint };
+        let change = if iou >= SAME_IOU { CadastreChange::Matched } else { CadastreChange::ChangedFootprint };
         let found_id = std::mem::replace(&mut footprint.id, old.id.clone());
         let evidence = std::mem::replace(&mut footprint.attributes, old.attributes.clone());
         for (name, value) in evidence {

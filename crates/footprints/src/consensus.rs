@@ -23,8 +23,6 @@ use geo_types::{Coord, Polygon};
 use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::{GeomWithData, Rectangle};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::candidate::{FootprintCandidate, SeenGround, bounds, envelope};
 use super::cluster::{self, Cluster, Dropped};
@@ -36,9 +34,7 @@ use sizeup_geo::groups::Groups;
 use sizeup_heights::raster::Raster;
 
 /// How candidates of many views become one footprint per building.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-#[schemars(extend("x-expert" = true))]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ConsensusConfig {
     /// Least intersection over union of two candidates that are the same building, 0 to 1.
     pub min_iou: f64,
@@ -67,30 +63,38 @@ pub struct ConsensusConfig {
     pub grid_m: f64,
     /// For roof contours: heights that are tried until a building's own is known, metres; at each, the views' footprints of a
     /// roof fit together more or less well.
-    pub roof_heights_m: Vec<f64>,
-    /// For roof contours: how often footprints are moved to the heights found and heights are found again, 0 to 5.
-    pub roof_rounds: usize,
+    pub roof_heights_m: &'static [f64],
+}
+
+impl ConsensusConfig {
+    /// The values of every run. `min_iou` and `min_support` are studied in `lab/footprint-network.md`, the drawing in the test
+    /// `footprint_accuracy`.
+    pub const STANDARD: Self = Self {
+        min_iou: 0.45,
+        min_support: 0.34,
+        cell_m: 0.2,
+        max_cells: 1 << 18,
+        neighbour_m: 0.6,
+        tolerance_m: 0.4,
+        snap_deg: 12.0,
+        max_shift_m: 0.8,
+        max_area_change: 0.1,
+        min_hole_m2: 4.0,
+        min_area_m2: 4.0,
+        grid_m: 0.001,
+        roof_heights_m: &[3.0, 5.0, 7.0, 9.0, 12.0, 15.0, 19.0, 24.0, 30.0, 38.0, 48.0, 60.0, 80.0, 100.0],
+    };
 }
 
 impl Default for ConsensusConfig {
     fn default() -> Self {
-        Self {
-            min_iou: 0.45,
-            min_support: 0.34,
-            cell_m: 0.2,
-            max_cells: 1 << 18,
-            neighbour_m: 0.6,
-            tolerance_m: 0.4,
-            snap_deg: 12.0,
-            max_shift_m: 0.8,
-            max_area_change: 0.1,
-            min_hole_m2: 4.0,
-            min_area_m2: 4.0,
-            grid_m: 0.001,
-            roof_heights_m: vec![3.0, 5.0, 7.0, 9.0, 12.0, 15.0, 19.0, 24.0, 30.0, 38.0, 48.0, 60.0, 80.0, 100.0],
-            roof_rounds: 2,
-        }
+        Self::STANDARD
     }
+}
+
+/// How often roofs are moved to their heights and heights are estimated again, where the configuration does not state it.
+pub(crate) fn default_roof_rounds() -> usize {
+    2
 }
 
 /// A building that views agree on.

@@ -8,6 +8,7 @@ use geo_types::{Coord, Geometry, Polygon};
 use serde_json::Value;
 
 use super::clean::{self, CleaningRules, Defect, Repair};
+use super::layer::MAX_AREA_CHANGE;
 use super::{Footprint, FootprintConfig, FootprintLayer, RefusedFootprint, osm};
 use sizeup_geo::crs::{CrsError, Transform};
 use sizeup_geo::geodata::vector::{Feature, FeatureGeometry, plain_text};
@@ -44,8 +45,8 @@ pub(super) struct FeatureReader<'a> {
 impl<'a> FeatureReader<'a> {
     /// Reads features by the settings of their layer.
     pub(super) fn new(config: &'a FootprintConfig, to_project: Transform) -> Self {
-        let &FootprintConfig { grid_m, min_area_m2, max_area_change, shift_m, .. } = config;
-        let rules = CleaningRules { grid_m, min_area_m2, max_area_change };
+        let &FootprintConfig { grid_m, min_area_m2, shift_m, .. } = config;
+        let rules = CleaningRules { grid_m, min_area_m2, max_area_change: MAX_AREA_CHANGE };
         Self {
             ids_from: osm::ids(config),
             to_project,

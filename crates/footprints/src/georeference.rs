@@ -17,24 +17,25 @@ use serde::{Deserialize, Serialize};
 use sizeup_geo::terrain::Terrain;
 use sizeup_survey::View;
 
-/// How accurate what goes into a footprint is: standard deviations.
+/// Standard deviation of a mask's border, pixels.
+const MASK_PX: f64 = 0.7;
+/// Standard deviation of the terrain's height, metres.
+const TERRAIN_M: f64 = 0.2;
+
+/// How accurate poses are: standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 #[schemars(extend("x-expert" = true))]
 pub struct InputAccuracy {
-    /// Standard deviation of a mask's border, pixels.
-    pub mask_px: f64,
     /// Standard deviation of a camera's position, metres.
     pub position_m: f64,
     /// Standard deviation of a camera's attitude, degrees.
     pub angle_deg: f64,
-    /// Standard deviation of the terrain's height, metres.
-    pub terrain_m: f64,
 }
 
 impl Default for InputAccuracy {
     fn default() -> Self {
-        Self { mask_px: 0.7, position_m: 0.05, angle_deg: 0.05, terrain_m: 0.2 }
+        Self { position_m: 0.05, angle_deg: 0.05 }
     }
 }
 
@@ -124,23 +125,23 @@ impl PlaceError {
         let cos = down / ray.length();
         let depth = view.camera_from_map.point(point).z.max(0.0);
         let pixel_m = depth / view.camera.fx_px.min(view.camera.fy_px);
-        let mask = accuracy.mask_px * pixel_m / cos;
+        let mask = MASK_PX * pixel_m / cos;
         let angle = accuracy.angle_deg.to_radians() * ray.length() / cos;
         Self { own_m2: mask * mask + accuracy.position_m.powi(2) + angle * angle, per_terrain_m: across / down }
     }
 
     /// Standard deviation of one view's footprint, metres.
-    pub(super) fn sigma_m(&self, accuracy: &InputAccuracy) -> f64 {
-        (self.own_m2 + accuracy.terrain_m.powi(2) * self.per_terrain_m.length_squared()).sqrt()
+    pub(super) fn sigma_m(&self) -> f64 {
+        (self.own_m2 + TERRAIN_M.powi(2) * self.per_terrain_m.length_squared()).sqrt()
     }
 
     /// Standard deviation of the weighted mean of several views, metres.
-    pub(super) fn joint_sigma_m(errors: &[Self], accuracy: &InputAccuracy) -> f64 {
-        let weight = |e: &Self| 1.0 / e.sigma_m(accuracy).powi(2).max(1e-9);
+    pub(super) fn joint_sigma_m(errors: &[Self]) -> f64 {
+        let weight = |e: &Self| 1.0 / e.sigma_m().powi(2).max(1e-9);
         let total: f64 = errors.iter().map(weight).sum();
         let own: f64 = errors.iter().map(|e| weight(e).powi(2) * e.own_m2).sum::<f64>() / (total * total);
         let terrain = errors.iter().map(|e| weight(e) * e.per_terrain_m).sum::<DVec2>() / total;
-        (own + accuracy.terrain_m.powi(2) * terrain.length_squared()).sqrt()
+        (own + TERRAIN_M.powi(2) * terrain.length_squared()).sqrt()
     }
 }
 
@@ -194,11 +195,10 @@ mod tests {
 
     #[test]
     fn terrain_error_cancels_between_views_on_both_sides_and_own_errors_average() {
-        let accuracy = InputAccuracy::default();
         let error = |x: f64| PlaceError { own_m2: 0.04, per_terrain_m: DVec2::new(x, 0.0) };
-        let both = PlaceError::joint_sigma_m(&[error(0.5), error(-0.5)], &accuracy);
+        let both = PlaceError::joint_sigma_m(&[error(0.5), error(-0.5)]);
         assert!((both - (0.04_f64 / 2.0).sqrt()).abs() < 1e-12, "{both}");
-        let same = PlaceError::joint_sigma_m(&[error(0.5), error(0.5)], &accuracy);
+        let same = PlaceError::joint_sigma_m(&[error(0.5), error(0.5)]);
         assert!((same - (0.02 + 0.01_f64).sqrt()).abs() < 1e-12, "{same}");
     }
 }

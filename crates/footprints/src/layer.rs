@@ -38,19 +38,18 @@ pub struct FootprintConfig {
     /// Least area of a building, m²; smaller ones are refused by name. At least 0.
     #[serde(default = "default_min_area_m2")]
     pub min_area_m2: f64,
-    /// Corners are snapped to multiples of this, metres, so that what is valid here is valid in the files. Above 0.
-    #[serde(default = "default_grid_m")]
-    #[schemars(extend("x-expert" = true))]
+    /// Corners are snapped to multiples of this, metres, so that what is valid here is valid in the files. No key of a
+    /// configuration: layers that sizeup wrote itself have a finer grid.
+    #[serde(skip, default = "default_grid_m")]
     pub grid_m: f64,
-    /// Most that repairing a self-crossing footprint may change its area, as a share of it, 0 to 1.
-    #[serde(default = "default_max_area_change")]
-    #[schemars(extend("x-expert" = true))]
-    pub max_area_change: f64,
-    /// Overlaps of two footprints above this are warned of, m². At least 0.
-    #[serde(default = "default_overlap_warning_m2")]
-    #[schemars(extend("x-expert" = true))]
+    /// Overlaps of two footprints above this are reported, m². No key of a configuration: layers that sizeup wrote itself are
+    /// not checked again.
+    #[serde(skip, default = "default_overlap_warning_m2")]
     pub overlap_warning_m2: f64,
 }
+
+/// Most that repairing a self-crossing footprint may change its area, as a share of it.
+pub const MAX_AREA_CHANGE: f64 = 0.01;
 
 /// Layers are moved by no more than this along each axis, metres.
 const MOST_SHIFTED_M: f64 = 1000.0;
@@ -61,10 +60,6 @@ fn default_min_area_m2() -> f64 {
 
 fn default_grid_m() -> f64 {
     0.001
-}
-
-fn default_max_area_change() -> f64 {
-    0.01
 }
 
 fn default_overlap_warning_m2() -> f64 {
@@ -83,7 +78,6 @@ impl FootprintConfig {
             shift_m: [0.0; 2],
             min_area_m2: default_min_area_m2(),
             grid_m: default_grid_m(),
-            max_area_change: default_max_area_change(),
             overlap_warning_m2: default_overlap_warning_m2(),
         }
     }
@@ -249,17 +243,8 @@ pub(super) fn check_config(config: &FootprintConfig) -> Result<(), FootprintErro
     if !is_at_least_0(config.min_area_m2) {
         return refuse("min_area_m2", config.min_area_m2, "at least 0 m²");
     }
-    if !(1e-6..=1.0).contains(&config.grid_m) {
-        return refuse("grid_m", config.grid_m, "0.000001 to 1 m");
-    }
     if let Some(way_m) = config.shift_m.into_iter().find(|way_m| way_m.is_nan() || way_m.abs() > MOST_SHIFTED_M) {
         return refuse("shift_m", way_m, "at most 1000 m each; more is another CRS: see `crs`");
-    }
-    if !(0.0..=1.0).contains(&config.max_area_change) {
-        return refuse("max_area_change", config.max_area_change, "a share, 0 to 1");
-    }
-    if !is_at_least_0(config.overlap_warning_m2) {
-        return refuse("overlap_warning_m2", config.overlap_warning_m2, "at least 0 m²");
     }
     Ok(())
 }

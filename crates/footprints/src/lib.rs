@@ -49,12 +49,13 @@ pub use detect::{
     BuildingSightings, Detection, DetectionSummary, PhotoContour, PlacedCandidate, Tracks, detect, move_roofs,
 };
 pub use georeference::InputAccuracy;
-pub use layer::{FootprintConfig, FootprintError, read};
+pub use layer::{FootprintConfig, FootprintError, MAX_AREA_CHANGE, read};
 pub use masks::{MaskConfig, MaskFiles, MaskKind};
 pub use osm::{attribute, is_osm, open_layer};
 pub use overlap::overlaps;
 pub use parts::LayerParts;
 pub use plain::{plain_config, unpack, write_plain};
+pub use segment::profile::SegmenterProfile;
 pub use segment::{SMALL, Segmenter, SegmenterConfig, SmallNetwork};
 pub use source::{DetectionSettings, FootprintSource};
 pub use vectorise::{Contour, Instances, MaskFault, Vectorising, contours, contours_at_level};

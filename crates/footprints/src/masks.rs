@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::cadastre::CadastreConfig;
 use super::coco::{self, CocoFile};
-use super::consensus::ConsensusConfig;
+use super::consensus::default_roof_rounds;
 use super::contours::{ContourFineness, ContourKind, ContourSource, ViewFault};
 use super::georeference::InputAccuracy;
 use super::layer::FootprintError;
@@ -57,14 +57,15 @@ pub struct MaskConfig {
     #[schemars(extend("x-expert" = true))]
     pub min_score: f32,
     /// The contour that masks follow: "ground", where walls meet the ground, or "roof".
-    #[serde(default, alias = "outline")]
+    #[serde(default)]
     pub contour: ContourKind,
     /// How accurate masks, poses and terrain are.
     #[serde(default)]
     pub accuracy: InputAccuracy,
-    /// How views become one footprint per building.
-    #[serde(default)]
-    pub consensus: ConsensusConfig,
+    /// For roof contours: how often footprints are moved to the heights found and heights are found again, 0 to 5.
+    #[serde(default = "default_roof_rounds")]
+    #[schemars(extend("x-expert" = true))]
+    pub roof_rounds: usize,
     /// An existing layer whose ids and attributes are kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cadastre: Option<CadastreConfig>,

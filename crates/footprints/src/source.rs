@@ -113,6 +113,16 @@ impl FootprintSource {
         }
     }
 
+    /// How often footprints are moved to the heights found, where their contours are those of roofs; else 0.
+    #[must_use]
+    pub fn roof_rounds(&self) -> usize {
+        match self {
+            Self::Masks(c) if c.contour == ContourKind::Roof => c.roof_rounds,
+            Self::Network(c) if c.contour == ContourKind::Roof => c.roof_rounds,
+            _ => 0,
+        }
+    }
+
     /// Settings by which footprints found in photos are put together; `None` for a layer.
     #[must_use]
     pub fn detection(&self) -> Option<DetectionSettings<'_>> {
@@ -121,13 +131,13 @@ impl FootprintSource {
             Self::Masks(c) => Some(DetectionSettings {
                 contour: c.contour,
                 accuracy: &c.accuracy,
-                consensus: &c.consensus,
+                consensus: &ConsensusConfig::STANDARD,
                 cadastre: c.cadastre.as_ref(),
             }),
             Self::Network(c) => Some(DetectionSettings {
                 contour: c.contour,
                 accuracy: &c.accuracy,
-                consensus: &c.consensus,
+                consensus: &ConsensusConfig::STANDARD,
                 cadastre: c.cadastre.as_ref(),
             }),
         }

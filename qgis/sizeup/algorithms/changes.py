@@ -90,7 +90,7 @@ class CompareResults(SizeupAlgorithm):
             feedback.pushInfo(f"{n:>8}  {name.replace('_', ' ')}")
         for note in summary["notes"]:
             feedback.pushInfo(note)
-        changed = ("new", "gone", "raised", "lowered", "footprint_changed", "outline_changed")  # the last: programs of the version before
+        changed = ("new", "gone", "raised", "lowered", "footprint_changed")
         n_changed = sum(summary["counts"].get(name, 0) for name in changed)
         return {"OUTPUT": str(self._folder), "N_CHANGED": n_changed}
 

@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 
 use sizeup_footprints::FootprintConfig;
 use sizeup_geo::terrain::TerrainConfig;
-use sizeup_lab::simulate::SimulateConfig;
+use sizeup_truth::simulate::SimulateConfig;
 use sizeup_photos::prior::FilePriorConfig;
 use sizeup_survey::SurveyConfig;
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use sizeup_heights::raster::Raster;
-use sizeup_lab::evaluate::PhotoAreas;
+use sizeup_truth::evaluate::PhotoAreas;
 
 use crate::dataset::labels::UNKNOWN;
 
@@ -58,7 +58,7 @@ pub fn compare(truth: &Raster<u16>, found: &Raster<u32>, least_px: usize) -> Com
 
 #[cfg(test)]
 mod tests {
-    use sizeup_lab::evaluate::evaluate_photos;
+    use sizeup_truth::evaluate::evaluate_photos;
 
     use super::*;
 

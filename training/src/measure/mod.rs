@@ -1,6 +1,6 @@
 //! The paper's Table 1: per photo, instances found against instances on the ground.
 //!
-//! The protocol is `sizeup_lab::evaluate::photos`, as in `sizeup evaluate`: areas of each true instance and its counterpart,
+//! The protocol is `sizeup_truth::evaluate::photos`, as in `sizeup evaluate`: areas of each true instance and its counterpart,
 //! and detection at an intersection over union of a half beside them. Instances below [`LEAST_PX`] pixels count for nothing.
 //! The intersection over union of pixels is that of all buildings of a photo together, mean over photos: it does not see whether they are told apart.
 //! Footprints come through the same code as in `sizeup footprints`: tiles, watershed, contours.
@@ -17,7 +17,7 @@ use std::path::Path;
 use serde::Serialize;
 use sizeup_footprints::ContourFineness;
 use sizeup_heights::raster::Raster;
-use sizeup_lab::evaluate::{PhotoAreas, PhotoEvaluation, evaluate_photos};
+use sizeup_truth::evaluate::{PhotoAreas, PhotoEvaluation, evaluate_photos};
 
 use crate::TrainError;
 use crate::dataset::Split;

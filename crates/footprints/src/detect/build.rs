@@ -111,7 +111,7 @@ impl LayerBuilder<'_> {
                 let at = DVec3::new(c.x, c.y, z);
                 let errors: Vec<PlaceError> =
                     views.iter().map(|&v| PlaceError::at(&self.views[v], at, self.settings.accuracy)).collect();
-                PlaceError::joint_sigma_m(&errors, self.settings.accuracy)
+                PlaceError::joint_sigma_m(&errors)
             })
             .collect();
         // One view of one is weaker evidence than nine of nine.

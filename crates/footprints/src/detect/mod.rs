@@ -20,6 +20,7 @@ use super::candidate::{FootprintCandidate, SeenGround};
 use super::cluster::Dropped;
 use super::consensus;
 use super::contours::{ContourKind, ContourSource, ViewFault};
+use super::georeference::InputAccuracy;
 use super::layer::FootprintError;
 use super::source::DetectionSettings;
 use super::{Footprint, FootprintLayer};
@@ -140,7 +141,7 @@ pub fn detect(
     settings: DetectionSettings<'_>,
     crs: &Crs,
 ) -> Result<Detection, FootprintError> {
-    check(&settings)?;
+    check(settings.accuracy)?;
     let nadir: Vec<usize> = (0..views.len()).filter(|&i| views[i].kind() == ViewKind::Nadir).collect();
     if nadir.is_empty() {
         return Err(FootprintError::Masks {
@@ -173,7 +174,7 @@ pub fn detect(
             );
         }
         for (contour, shape, error) in looked.contours {
-            let sigma_m = error.sigma_m(settings.accuracy);
+            let sigma_m = error.sigma_m();
             let weight = sigma_m.powi(2).max(1e-6).recip();
             let (score, is_cut) = (contour.score, contour.is_cut);
             placed.push(PlacedCandidate { view, shape: shape.clone(), score, is_cut, sigma_m, building: None });
@@ -195,7 +196,7 @@ pub fn detect(
     let agreed = match settings.contour {
         ContourKind::Ground => consensus::agree(&candidates, &seen, settings.consensus),
         ContourKind::Roof => {
-            let heights_m = &settings.consensus.roof_heights_m;
+            let heights_m = settings.consensus.roof_heights_m;
             let levels: Vec<Vec<FootprintCandidate>> = heights_m
                 .par_iter()
                 .map(|height_m| {
@@ -243,36 +244,12 @@ pub fn detect(
     Ok(detection)
 }
 
-fn check(settings: &DetectionSettings<'_>) -> Result<(), FootprintError> {
-    let (c, a) = (settings.consensus, settings.accuracy);
-    let within = |field, value: f64, low: f64, high: f64, expected| {
-        if value >= low && value <= high { Ok(()) } else { Err(FootprintError::Config { field, value, expected }) }
+fn check(a: &InputAccuracy) -> Result<(), FootprintError> {
+    let within = |field, value: f64, high: f64, expected| {
+        if (0.0..=high).contains(&value) { Ok(()) } else { Err(FootprintError::Config { field, value, expected }) }
     };
-    within("consensus.min_iou", c.min_iou, 0.05, 1.0, "a share, 0.05 to 1")?;
-    within("consensus.min_support", c.min_support, 0.0, 1.0, "a share, 0 to 1")?;
-    within("consensus.cell_m", c.cell_m, 0.02, 2.0, "0.02 to 2 m")?;
-    within("consensus.max_cells", c.max_cells as f64, 64.0, 1e8, "64 to 100000000")?;
-    within("consensus.neighbour_m", c.neighbour_m, 0.0, 10.0, "0 to 10 m")?;
-    within("consensus.tolerance_m", c.tolerance_m, 0.01, 10.0, "0.01 to 10 m")?;
-    within("consensus.snap_deg", c.snap_deg, 0.0, 40.0, "0 to 40 degrees")?;
-    within("consensus.max_shift_m", c.max_shift_m, 0.0, 10.0, "0 to 10 m")?;
-    within("consensus.max_area_change", c.max_area_change, 0.0, 1.0, "a share, 0 to 1")?;
-    within("consensus.min_hole_m2", c.min_hole_m2, 0.0, 1e6, "at least 0 m²")?;
-    within("consensus.min_area_m2", c.min_area_m2, 0.1, 1e6, "at least 0.1 m²")?;
-    within("consensus.grid_m", c.grid_m, 1e-6, 1.0, "0.000001 to 1 m")?;
-    if c.roof_heights_m.is_empty() {
-        return Err(FootprintError::Masks {
-            problem: "`consensus.roof_heights_m` is empty".to_owned(),
-            hint: "give at least one height in metres, such as [8]".to_owned(),
-        });
-    }
-    for &height_m in &c.roof_heights_m {
-        within("consensus.roof_heights_m", height_m, 0.0, 1000.0, "0 to 1000 m")?;
-    }
-    within("accuracy.mask_px", a.mask_px, 0.0, 100.0, "0 to 100 pixels")?;
-    within("accuracy.position_m", a.position_m, 0.0, 100.0, "0 to 100 m")?;
-    within("accuracy.angle_deg", a.angle_deg, 0.0, 10.0, "0 to 10 degrees")?;
-    within("accuracy.terrain_m", a.terrain_m, 0.0, 100.0, "0 to 100 m")
+    within("accuracy.position_m", a.position_m, 100.0, "0 to 100 m")?;
+    within("accuracy.angle_deg", a.angle_deg, 10.0, "0 to 10 degrees")
 }
 
 /// Faults that every single mask allows and all together do not.
@@ -352,6 +329,6 @@ fn tell(summary: &DetectionSummary, issues: &mut Vec<Issue>) {
         summary.n_small,
         "footprint_too_small",
         "are smaller than the least building",
-        "lower `consensus.min_area_m2` to keep them",
+        "buildings of less than 4 m² are left out",
     );
 }

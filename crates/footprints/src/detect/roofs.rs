@@ -38,7 +38,7 @@ pub fn move_roofs(
             };
             let Some(centre) = shape.centroid() else { continue };
             let error = PlaceError::at(view, DVec3::new(centre.x(), centre.y(), *z), settings.accuracy);
-            let weight = error.sigma_m(settings.accuracy).powi(2).max(1e-6).recip();
+            let weight = error.sigma_m().powi(2).max(1e-6).recip();
             candidates.push(FootprintCandidate {
                 view: seen.len(),
                 shape,

@@ -9,11 +9,12 @@ use serde::{Deserialize, Serialize};
 use super::profile::{SegmenterProfile, built_in};
 use super::small;
 use crate::cadastre::CadastreConfig;
-use crate::consensus::ConsensusConfig;
+use crate::consensus::default_roof_rounds;
 use crate::contours::ContourKind;
 use crate::georeference::InputAccuracy;
 use crate::layer::FootprintError;
 use sizeup_geo::paths::{PathVisitor, visit_template};
+use sizeup_photos::onnx::{is_profile_file, profile_in};
 use sizeup_photos::prior::FilePriorConfig;
 
 /// Which network, and how it is run.
@@ -27,13 +28,10 @@ pub struct SegmenterConfig {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(extend("x-expert" = true))]
     pub backbones: BTreeMap<String, PathBuf>,
-    /// Built-in profile: "semantic", "small.v1", "sam3" or "fpsam.v1"; that of the network where `model` is left out.
+    /// Built-in profile: "semantic", "small.v1", "sam3" or "fpsam.v1"; or a TOML file that describes another network. Left out where
+    /// `model` is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub profile: Option<String>,
-    /// A profile of your own, in place of a built-in one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-expert" = true))]
-    pub custom: Option<SegmenterProfile>,
     /// Ground that a pixel of what the network sees covers at least, metres: finer photos are reduced to it. 0.34 for the network that
     /// comes with sizeup; photos are seen as they are where left out for a network of your own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -66,7 +64,7 @@ pub struct SegmenterConfig {
     #[schemars(extend("x-expert" = true))]
     pub min_score: f32,
     /// The contour that masks follow: "ground", where walls meet the ground, or "roof".
-    #[serde(default, alias = "outline")]
+    #[serde(default)]
     pub contour: ContourKind,
     /// Depth of every photo from files, for networks that take it, by `{stem}` or `{name}`; that of `[prior]` where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -74,9 +72,10 @@ pub struct SegmenterConfig {
     /// How accurate masks, poses and terrain are.
     #[serde(default)]
     pub accuracy: InputAccuracy,
-    /// How views become one footprint per building.
-    #[serde(default)]
-    pub consensus: ConsensusConfig,
+    /// For roof contours: how often footprints are moved to the heights found and heights are found again, 0 to 5.
+    #[serde(default = "default_roof_rounds")]
+    #[schemars(extend("x-expert" = true))]
+    pub roof_rounds: usize,
     /// An existing layer whose ids and attributes are kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cadastre: Option<CadastreConfig>,
@@ -102,7 +101,6 @@ impl SegmenterConfig {
             model: Some(model.into()),
             backbones: BTreeMap::new(),
             profile: Some(profile.to_owned()),
-            custom: None,
             pixel_m: None,
             looks: None,
             tile_px: None,
@@ -113,7 +111,7 @@ impl SegmenterConfig {
             contour: ContourKind::default(),
             depth: None,
             accuracy: InputAccuracy::default(),
-            consensus: ConsensusConfig::default(),
+            roof_rounds: default_roof_rounds(),
             cadastre: None,
         }
     }
@@ -133,6 +131,9 @@ impl SegmenterConfig {
     /// Hands every path of these settings to `visit`, which may change it.
     pub(crate) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         self.model.iter_mut().for_each(&mut *visit);
+        if let Some(profile) = self.profile.as_mut().filter(|profile| is_profile_file(profile)) {
+            visit_template(profile, visit);
+        }
         self.backbones.values_mut().for_each(&mut *visit);
         if let Some(depth) = &mut self.depth {
             visit_template(&mut depth.path, visit);
@@ -145,9 +146,7 @@ impl SegmenterConfig {
     pub(super) fn chosen(&self) -> Result<SegmenterProfile, FootprintError> {
         let names = || built_in().into_iter().map(|p| p.name).collect::<Vec<_>>().join(", ");
         let refuse = |problem: String| FootprintError::Masks { problem, hint: format!("the profiles are {}", names()) };
-        if self.model.is_none()
-            && (self.custom.is_some() || self.profile.as_deref().is_some_and(|p| p != small::PROFILE))
-        {
+        if self.model.is_none() && self.profile.as_deref().is_some_and(|p| p != small::PROFILE) {
             return Err(FootprintError::Masks {
                 problem: "a profile is set, and no `model` that it would fit".to_owned(),
                 hint: "set `model` to an ONNX file, or leave both out: then the network that comes with sizeup is run"
@@ -155,14 +154,16 @@ impl SegmenterConfig {
             });
         }
         let profile = if self.model.is_none() { Some(small::PROFILE.to_owned()) } else { self.profile.clone() };
-        match (&profile, &self.custom) {
-            (Some(name), None) => built_in()
+        match &profile {
+            Some(path) if is_profile_file(path) => profile_in(path).map_err(|problem| FootprintError::Masks {
+                problem,
+                hint: "`sizeup schema footprint-network` prints every key of such a file".to_owned(),
+            }),
+            Some(name) => built_in()
                 .into_iter()
                 .find(|p| p.name == *name)
                 .ok_or_else(|| refuse(format!("no segmenter profile {name:?}"))),
-            (None, Some(custom)) => Ok(custom.clone()),
-            (None, None) => Err(refuse("no segmenter profile is set".to_owned())),
-            (Some(_), Some(_)) => Err(refuse("both `profile` and `custom` are set".to_owned())),
+            None => Err(refuse("no segmenter profile is set".to_owned())),
         }
     }
 }

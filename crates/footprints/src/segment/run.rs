@@ -90,7 +90,7 @@ impl Segmenter {
         let unfit = |what: &str, path: &Path, found: String| {
             refuse(
                 format!("profile {:?} does not fit {}: no {what} among {found}", profile.name, path.display()),
-                "choose another profile, or describe the graph as `custom`",
+                "choose another profile, or describe the graph in a TOML file",
             )
         };
         let inlet = |network: &Network, path: &Path, names_of: &[String], side: usize, mean, std| {

@@ -14,6 +14,11 @@ use sizeup_heights::ids::BuildingId;
 use sizeup_heights::stats;
 use sizeup_heights::terrain::{GroundLevel, Terrain};
 
+/// Distance between samples of the ground, metres; wider under very large buildings.
+const SPACING_M: f64 = 1.0;
+/// How far around a building to look for ground where the terrain has none under it, metres.
+const SEARCH_M: f64 = 50.0;
+
 /// Most samples one building takes: more change the levels by millimetres.
 const MAX_SAMPLES: f64 = 4096.0;
 
@@ -36,17 +41,11 @@ pub enum GroundReference {
 pub struct GroundConfig {
     /// Which level heights count from: "lowest", "mean" or { percentile = 10 }.
     pub reference: GroundReference,
-    /// Distance between samples, metres; wider under very large buildings. Above 0.
-    #[schemars(extend("x-expert" = true))]
-    pub spacing_m: f64,
-    /// Where the terrain has no value under a building, how far around it to look for one, metres. 0 = do not.
-    #[schemars(extend("x-expert" = true))]
-    pub search_m: f64,
 }
 
 impl Default for GroundConfig {
     fn default() -> Self {
-        Self { reference: GroundReference::default(), spacing_m: 1.0, search_m: 50.0 }
+        Self { reference: GroundReference::default() }
     }
 }
 
@@ -64,7 +63,7 @@ pub fn ground_under(
     }
     let heights =
         |points: &[Coord<f64>]| -> Vec<f64> { points.iter().filter_map(|p| terrain.height_at(p.x, p.y)).collect() };
-    let points = samples(footprint, config.spacing_m);
+    let points = samples(footprint, SPACING_M);
     let found = heights(&points);
     let tell = |severity, code, message: String| {
         let issue = Issue::new(severity, code, Subject::Building(id.to_string()), message);
@@ -84,8 +83,8 @@ pub fn ground_under(
         let message = format!("the terrain has no value under it: its ground is taken from {distance_m:.0} m around");
         return (Some(level), Some(tell(Severity::Warning, "ground_from_around", message)));
     }
-    let message = format!("the terrain has no value under it, nor within {} m", config.search_m);
-    let hint = "use a terrain model that covers the building, or a larger `search_m`";
+    let message = format!("the terrain has no value under it, nor within {} m", SEARCH_M);
+    let hint = "use a terrain model that covers the building";
     (None, Some(tell(Severity::Refused, "ground_unknown", message).hint(hint)))
 }
 
@@ -122,13 +121,13 @@ fn samples(footprint: &Polygon<f64>, spacing_m: f64) -> Vec<Coord<f64>> {
 fn around(terrain: &Terrain, footprint: &Polygon<f64>, config: GroundConfig) -> Option<(GroundLevel, f64)> {
     const FRAMES: usize = 10;
     let bounds = footprint.bounding_rect()?;
-    (1..=FRAMES).filter(|_| config.search_m > 0.0).find_map(|frame| {
-        let distance_m = config.search_m * frame as f64 / FRAMES as f64;
+    (1..=FRAMES).find_map(|frame| {
+        let distance_m = SEARCH_M * frame as f64 / FRAMES as f64;
         let wider = geo_types::Rect::new(
             bounds.min() - Coord { x: distance_m, y: distance_m },
             bounds.max() + Coord { x: distance_m, y: distance_m },
         );
-        let ring = Euclidean.densify(wider.to_polygon().exterior(), config.spacing_m.max(distance_m / 10.0));
+        let ring = Euclidean.densify(wider.to_polygon().exterior(), SPACING_M.max(distance_m / 10.0));
         let heights: Vec<f64> = ring.0.iter().filter_map(|p| terrain.height_at(p.x, p.y)).collect();
         Some((level(&heights, config.reference)?, distance_m))
     })
@@ -156,7 +155,7 @@ mod tests {
     }
 
     fn under(terrain: &Terrain, west_m: f64, reference: GroundReference) -> (Option<GroundLevel>, Option<Issue>) {
-        ground_under(terrain, &"a".into(), &house(west_m), GroundConfig { reference, ..GroundConfig::default() })
+        ground_under(terrain, &"a".into(), &house(west_m), GroundConfig { reference })
     }
 
     #[test]

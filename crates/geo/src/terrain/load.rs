@@ -35,11 +35,12 @@ pub struct TerrainConfig {
     /// Band of the DTM that holds the heights, from 1.
     #[schemars(extend("x-expert" = true))]
     pub band: usize,
-    /// How far beyond the project's area the DTM is read, metres. At least 0.
-    #[schemars(extend("x-expert" = true))]
+    /// How far beyond the project's area the DTM is read, metres. At least 0. No key of a configuration.
+    #[serde(skip)]
     pub margin_m: f64,
-    /// Cells smaller than this are averaged on reading, metres. Above 0.
-    #[schemars(extend("x-expert" = true))]
+    /// Cells smaller than this are averaged on reading, metres. Above 0. No key of a configuration: stages that need less detail
+    /// set it.
+    #[serde(skip)]
     pub min_cell_m: f64,
 }
 

@@ -81,6 +81,18 @@ pub enum AlignWhen {
     Never,
 }
 
+/// Median distance between where a few photos show points and where the poses put them, from which `when = "auto"` aligns, pixels
+/// of a photo reduced to `long_side_px`. A limit of 1 pixel missed poses that are off by 0.05 m and 0.05°.
+pub const MAX_MISFIT_PX: f64 = 0.4;
+/// Most neighbours that a photo's patches are looked for in.
+const N_NEIGHBOURS: usize = 8;
+/// Patches along each side of a photo.
+const PATCHES_PER_SIDE: usize = 14;
+/// Least correlation of a patch that is found.
+const MIN_SCORE: f32 = 0.75;
+/// How far below the lowest ground in a photo points may be, metres.
+const BELOW_GROUND_M: f64 = 5.0;
+
 /// How poses are brought to agree with the photos.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -89,17 +101,8 @@ pub struct AlignConfig {
     /// When `sizeup run` does it by itself; `sizeup survey align` always does.
     #[schemars(extend("x-expert" = false))]
     pub when: AlignWhen,
-    /// Median distance between where a few photos show points and where the poses put them from which `when = "auto"` aligns,
-    /// pixels of a photo reduced to `long_side_px`. Above 0.
-    pub max_misfit_px: f64,
     /// Longer side of the photos at the last size, pixels, 320 to 8192; never more than the photo has.
     pub long_side_px: u32,
-    /// Most neighbours that a photo's patches are looked for in, 2 to 24.
-    pub n_neighbours: usize,
-    /// Patches along each side of a photo, 4 to 64.
-    pub patches_per_side: usize,
-    /// Least correlation of a patch that is found, 0.5 to 1.
-    pub min_score: f64,
     /// Expected error of the given positions along each axis, metres, 0.001 to 10.
     #[schemars(extend("x-expert" = false))]
     pub position_sigma_m: f64,
@@ -111,24 +114,17 @@ pub struct AlignConfig {
     pub focal_sigma_percent: f64,
     /// Highest roof above the highest ground in a photo, metres. Above 0.
     pub max_height_m: f64,
-    /// How far below the lowest ground in a photo points may be, metres. At least 0.
-    pub below_ground_m: f64,
 }
 
 impl Default for AlignConfig {
     fn default() -> Self {
         Self {
             when: AlignWhen::default(),
-            max_misfit_px: 0.4,
             long_side_px: 1600,
-            n_neighbours: 8,
-            patches_per_side: 14,
-            min_score: 0.75,
             position_sigma_m: 0.3,
             angle_sigma_deg: 0.5,
             focal_sigma_percent: 0.0,
             max_height_m: 60.0,
-            below_ground_m: 5.0,
         }
     }
 }
@@ -136,16 +132,11 @@ impl Default for AlignConfig {
 impl AlignConfig {
     fn check(&self) -> Result<(), AlignError> {
         let in_range = [
-            ("max_misfit_px", self.max_misfit_px.is_finite() && self.max_misfit_px > 0.0, "above 0 pixels"),
             ("long_side_px", (320..=8192).contains(&self.long_side_px), "320 to 8192"),
-            ("n_neighbours", (2..=24).contains(&self.n_neighbours), "2 to 24"),
-            ("patches_per_side", (4..=64).contains(&self.patches_per_side), "4 to 64"),
-            ("min_score", (0.5..=1.0).contains(&self.min_score), "0.5 to 1"),
             ("position_sigma_m", (0.001..=10.0).contains(&self.position_sigma_m), "0.001 to 10 m"),
             ("angle_sigma_deg", (0.001..=5.0).contains(&self.angle_sigma_deg), "0.001 to 5 degrees"),
             ("focal_sigma_percent", (0.0..=20.0).contains(&self.focal_sigma_percent), "0 to 20 percent"),
             ("max_height_m", self.max_height_m.is_finite() && self.max_height_m > 0.0, "above 0 m"),
-            ("below_ground_m", self.below_ground_m.is_finite() && self.below_ground_m >= 0.0, "at least 0 m"),
         ];
         match in_range.iter().find(|(_, is_fine, _)| !is_fine) {
             None => Ok(()),
@@ -233,7 +224,7 @@ fn overlapping(
     if taking_part.len() < LEAST_PHOTOS {
         return Err(AlignError::FewPhotos { n_photos: taking_part.len(), n_views: views.len() });
     }
-    let neighbours = neighbours(&taking_part, terrain, config.n_neighbours);
+    let neighbours = neighbours(&taking_part, terrain, N_NEIGHBOURS);
     if neighbours.iter().all(Vec::is_empty) {
         return Err(AlignError::NoOverlap { n_photos: taking_part.len() });
     }

@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 
-use super::AlignConfig;
 use super::bundle::{Sighting, Sigmas, Station, Track};
 use super::matching::{PhotoPair, PosedImage, Where};
 use super::patches::{corner_near, corners};
+use super::{AlignConfig, BELOW_GROUND_M, MIN_SCORE, PATCHES_PER_SIDE};
 use crate::prior::{Album, PriorError};
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::camera::Camera;
@@ -72,7 +72,7 @@ impl<'a> TrackSearch<'a> {
         let of_view = |&view: &usize| {
             let picture = self.album.picture(&self.views[view])?;
             let Some(heights_m) = self.heights_m(view, terrain) else { return Ok(Vec::new()) };
-            let patches = corners(picture.grey(), self.config.patches_per_side);
+            let patches = corners(picture.grey(), PATCHES_PER_SIDE);
             Ok(self.tracks(view, &picture, &patches, |_, other, camera| {
                 let beside_px = self.expected_px(view, other, camera, heights_m[0]);
                 Where::Between { heights_m, beside_px }
@@ -121,7 +121,7 @@ impl<'a> TrackSearch<'a> {
             let pair = PhotoPair {
                 here: PosedImage { grey: picture.grey(), camera: picture.camera(), pose: &self.stations[view].pose },
                 there: PosedImage { grey: there.grey(), camera: there.camera(), pose: &self.stations[other].pose },
-                min_score: self.config.min_score as f32,
+                min_score: MIN_SCORE,
             };
             for (i, patch) in patches.iter().enumerate() {
                 let found = pair.find(*patch, place(i, other, there.camera()));
@@ -170,7 +170,7 @@ impl<'a> TrackSearch<'a> {
         }
         let [low, high] = range?;
         let to_m = (high + self.config.max_height_m).min(centre.z - BESIDE_CAMERA_SHARE * (centre.z - high));
-        let from_m = low - self.config.below_ground_m;
+        let from_m = low - BELOW_GROUND_M;
         (to_m > from_m).then_some([from_m, to_m])
     }
 

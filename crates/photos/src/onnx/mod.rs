@@ -142,6 +142,21 @@ pub enum Provider {
     DirectMl,
 }
 
+/// Whether a profile is a file that describes a network, and not the name of a built-in one.
+#[must_use]
+pub fn is_profile_file(profile: &str) -> bool {
+    Path::new(profile).extension().is_some_and(|extension| extension == "toml")
+}
+
+/// Reads the profile of a network from a TOML file.
+///
+/// # Errors
+/// What is wrong with the file, with its path.
+pub fn profile_in<P: DeserializeOwned>(path: &str) -> Result<P, String> {
+    let text = sizeup_geo::files::read_text(Path::new(path)).map_err(|e| e.to_string())?;
+    toml::from_str(&text).map_err(|e| format!("{path}: {e}"))
+}
+
 /// The profiles of networks, `[[profile]]` each, of a text.
 ///
 /// # Errors

@@ -19,7 +19,6 @@ pub enum Class {
     /// The roof is lower.
     Lowered,
     /// The roof is where it was, or nothing is known of it, and the footprint is another.
-    #[serde(alias = "outline_changed")]
     FootprintChanged,
     /// Nothing has changed that is worth telling.
     Same,
@@ -91,10 +90,8 @@ pub enum ChangeReason {
     /// Ground and roof have moved together, or apart: no building does that.
     GroundMoved,
     /// The footprint reaches further than it did.
-    #[serde(alias = "outline_grew")]
     FootprintGrew,
     /// The footprint reaches less far than it did.
-    #[serde(alias = "outline_shrank")]
     FootprintShrank,
     /// One building of the old result is several of the new.
     Split,
@@ -117,7 +114,6 @@ pub enum ChangeReason {
     /// The new height states no sigma.
     NewSigmaUnknown,
     /// It has no footprint, and so no place.
-    #[serde(alias = "no_outline")]
     NoFootprint,
     /// It lies beyond the area of the old result.
     OutsideOld,

@@ -64,7 +64,6 @@ pub struct ChangesConfig {
     pub new_sigma_m: Option<f64>,
     /// Standard deviation of the corners of footprints that state none, metres, 0 or more: those of a survey are accurate to
     /// decimetres.
-    #[serde(alias = "outline_sigma_m")]
     pub footprint_sigma_m: f64,
     /// How far beyond the hull of its footprints a result is taken to have looked, metres, 0 or more.
     pub margin_m: f64,
@@ -125,7 +124,6 @@ pub enum AreaRule {
     #[default]
     Photos,
     /// Nowhere else: for layers of footprints that cover less than the flight.
-    #[serde(alias = "outlines")]
     Footprints,
 }
 

@@ -351,9 +351,6 @@ pub fn carried_name(name: &str) -> String {
     if is_taken(name) { format!("{CARRIED_PREFIX}{name}") } else { name.to_owned() }
 }
 
-/// Our names of the version before: read as ours, so that they do not come back as the user's.
-const RENAMED: [&str; 1] = ["outline_area_m2"];
-
 /// The user's name of a carried attribute: the inverse of [`carried_name`].
 #[must_use]
 pub fn original_name(name: &str) -> &str {
@@ -370,10 +367,10 @@ pub fn is_taken(name: &str) -> bool {
     RESERVED.contains(&lower.as_str()) || is_field(&lower)
 }
 
-/// Whether it is the name of a field of ours, of this version or of the one before.
+/// Whether it is the name of a field of ours.
 #[must_use]
 pub fn is_field(name: &str) -> bool {
-    RENAMED.contains(&name) || FIELDS.iter().any(|field| field.column.name == name)
+    FIELDS.iter().any(|field| field.column.name == name)
 }
 
 /// Our own attributes where known, and `measuredHeight`.

@@ -3,10 +3,11 @@
 //! Readers fetch what lies in a window by range requests. The features are ordered along a Hilbert curve. Buildings
 //! without a footprint have no place in it ([`Overview::n_without_footprint`] counts them).
 
+use crate::output::grid::SCALE_M;
+use crate::output::prism::MIN_THICKNESS_M;
 use std::path::Path;
 
 use super::footprints::FootprintRows;
-use super::geopackage::GeoPackageConfig;
 use super::{CityModel, OutputError, Overview, Records};
 use sizeup_geo::files::write_whole_by_name;
 use sizeup_geo::geodata::features::{GeometryKind, LayerSpec};
@@ -16,12 +17,8 @@ use sizeup_geo::geodata::flatgeobuf;
 ///
 /// # Errors
 /// [`OutputError`]: duplicate ids, a scene larger than the grid, GDAL, the file system.
-pub fn write<R: Records + ?Sized>(
-    path: &Path,
-    model: &CityModel<'_, R>,
-    config: &GeoPackageConfig,
-) -> Result<Overview, OutputError> {
-    let (overview, footprints) = FootprintRows::of(model.records, config.scale_m, config.min_thickness_m)?;
+pub fn write<R: Records + ?Sized>(path: &Path, model: &CityModel<'_, R>) -> Result<Overview, OutputError> {
+    let (overview, footprints) = FootprintRows::of(model.records, SCALE_M, MIN_THICKNESS_M)?;
     let spec = LayerSpec {
         name: "buildings",
         description: "Footprints with heights",

@@ -3,10 +3,11 @@
 //! The attributes are those of the `buildings` layer of the [`super::geopackage`], a feature's id is the building's. Those
 //! without a footprint are features without a geometry.
 
+use crate::output::grid::SCALE_M;
+use crate::output::prism::MIN_THICKNESS_M;
 use std::path::Path;
 
 use super::footprints::FootprintRows;
-use super::geopackage::GeoPackageConfig;
 use super::read::ReadError;
 use super::{CityModel, OutputError, Overview, Records};
 use sizeup_geo::crs::Crs;
@@ -17,12 +18,8 @@ use sizeup_geo::geodata::vector::{FeatureGeometry, VectorLayer};
 ///
 /// # Errors
 /// [`OutputError`]: duplicate ids, a scene larger than the grid, no accurate way from the CRS to WGS 84, the file system.
-pub fn write<R: Records + ?Sized>(
-    path: &Path,
-    model: &CityModel<'_, R>,
-    config: &GeoPackageConfig,
-) -> Result<Overview, OutputError> {
-    let (overview, footprints) = FootprintRows::of(model.records, config.scale_m, config.min_thickness_m)?;
+pub fn write<R: Records + ?Sized>(path: &Path, model: &CityModel<'_, R>) -> Result<Overview, OutputError> {
+    let (overview, footprints) = FootprintRows::of(model.records, SCALE_M, MIN_THICKNESS_M)?;
     let lonlat = LonLat::wgs84(model.crs)?;
     let members = JsonObject::from_iter([("name".to_owned(), "buildings".into())]);
     write_features(path, &members, |push| {

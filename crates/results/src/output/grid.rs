@@ -11,6 +11,9 @@ use geo_types::Coord;
 
 use super::{BuildingRecord, OutputError};
 
+/// Quantum of coordinates in results, metres: a millimetre, by custom of `CityJSON`.
+pub const SCALE_M: f64 = 0.001;
+
 /// Furthest grid index: far from where products of differences overflow an `i64`, and a JSON reader's 32-bit integer
 /// holds it. At 1 mm it is 1,000 km.
 pub const INDEX_LIMIT: i64 = 1_000_000_000;

@@ -10,6 +10,9 @@ use super::BuildingRecord;
 use super::footprint::{FootprintFault, SnappedFootprint};
 use super::grid::OutputGrid;
 
+/// Smallest distance between base and roof of a solid, metres; a lower building has no geometry.
+pub const MIN_THICKNESS_M: f64 = 0.5;
+
 /// Kind of a face of the solid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum FaceKind {

@@ -43,7 +43,7 @@ pub struct RunSummary {
     /// Distinct views whose prior was used (the paper's #Used).
     pub n_used_views: usize,
     /// Heights that the photos refined.
-    #[serde(default, alias = "n_settled", skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub n_refined: Option<usize>,
     /// Buildings of the input.
     pub n_buildings: usize,

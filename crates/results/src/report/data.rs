@@ -1,5 +1,6 @@
 //! The data of the page, which its script reads.
 
+use crate::output::grid::SCALE_M;
 use std::collections::HashMap;
 
 use serde::Serialize;
@@ -8,7 +9,6 @@ use super::backdrop::BackdropData;
 use super::city::{GroundHeights, MapBuilding, origin, round_cm};
 use super::evidence::{EvidenceData, data_uri};
 use super::{LevelFit, Report, ViewUse};
-use crate::output::cityjson::CityJsonConfig;
 use crate::output::grid::OutputGrid;
 use crate::output::reports::Summary;
 use crate::output::{BuildingRecord, Lineage, StatusCount};
@@ -75,7 +75,7 @@ impl<'a> Data<'a> {
         let model = &report.model;
         let origin = origin(model.records);
         // Whole metres around zero hold any city: indices are 64 bits wide.
-        let grid = OutputGrid { scale_m: CityJsonConfig::default().scale_m, origin_m: origin };
+        let grid = OutputGrid { scale_m: SCALE_M, origin_m: origin };
         let positions: HashMap<&str, usize> =
             model.survey.views.iter().enumerate().map(|(i, view)| (view.id.0.as_str(), i)).collect();
         let ground_m = middle_ground(model.records).unwrap_or(origin[2]);

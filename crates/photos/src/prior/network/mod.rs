@@ -25,9 +25,9 @@ use self::preprocess::{NetworkInput, PreparedPhoto};
 use self::profile::{Company, Fit, Form, Lens, PoseUnit, Profile, Wiring};
 use super::neighbours::Neighbours;
 use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
-use crate::onnx::{Contents, EngineConfig, Network, Port, Tensor};
+use crate::onnx::{Contents, EngineConfig, Network, Port, Tensor, is_profile_file, profile_in};
 use sizeup_geo::kept::Kept;
-use sizeup_geo::paths::PathVisitor;
+use sizeup_geo::paths::{PathVisitor, visit_template};
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::ViewId;
 use sizeup_heights::raster::Raster;
@@ -45,13 +45,10 @@ pub struct NetworkConfig {
     /// ONNX file; or the name of a network that `sizeup model get` has put in place.
     pub model: PathBuf,
     /// Built-in profile: "da3-mono", "da3-metric", "da3-anyview", "depth-anything-v2", "depth-anything-v2-metric",
-    /// "metric3d", "moge", "depth-pro", "vggt", "map-anything" or "itermvs". It declares the numbers' direction.
+    /// "metric3d", "moge", "depth-pro", "vggt", "map-anything" or "itermvs". Or a TOML file that describes another network.
+    /// It declares the numbers' direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub profile: Option<String>,
-    /// A profile of your own, in place of a built-in one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-expert" = true))]
-    pub custom: Option<Profile>,
     /// Which engine computes, and on what.
     #[serde(default)]
     pub engine: EngineConfig,
@@ -76,7 +73,6 @@ impl NetworkConfig {
         Self {
             model: model.into(),
             profile: Some(profile.to_owned()),
-            custom: None,
             engine: EngineConfig::default(),
             batch: one_photo(),
             cache: CacheConfig::default(),
@@ -86,6 +82,9 @@ impl NetworkConfig {
     /// Hands every path of these settings to `visit`, which may change it.
     pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         visit(&mut self.model);
+        if let Some(profile) = self.profile.as_mut().filter(|profile| is_profile_file(profile)) {
+            visit_template(profile, visit);
+        }
         self.engine.visit_paths(visit);
         visit(&mut self.cache.folder);
     }
@@ -96,13 +95,15 @@ impl NetworkConfig {
         known::in_place(&self.model).unwrap_or_else(|| self.model.clone())
     }
 
-    /// The graph's file, and those beside it that hold its weights; a graph that cannot be read is refused by its engine.
+    /// The graph's file, those beside it that hold its weights, and that of a profile; a graph that cannot be read is refused by its
+    /// engine.
     #[must_use]
     pub fn files(&self) -> Vec<PathBuf> {
         let graph = self.graph();
         let contents = Contents::read(&graph).unwrap_or_default();
         let beside = contents.external_files.iter().map(|name| graph.with_file_name(name));
-        std::iter::once(graph.clone()).chain(beside).collect()
+        let profile = self.profile.iter().filter(|profile| is_profile_file(profile)).map(PathBuf::from);
+        std::iter::once(graph.clone()).chain(beside).chain(profile).collect()
     }
 
     /// Whether it matches photos of known poses, in metres: its depth is then in metres as stereo's is.
@@ -113,23 +114,27 @@ impl NetworkConfig {
     }
 
     fn chosen(&self) -> Result<Profile, PriorError> {
-        let refuse = |problem: &str| PriorError::Config {
+        let refuse = |problem: &str| {
+            PriorError::Config {
             problem: problem.to_owned(),
             hint:
-                "set `profile` to a built-in one, or `custom` to one of your own; a graph does not tell which way its \
-                   numbers run"
+                "set `profile` to a built-in one, or to a TOML file that describes the network; a graph does not tell which way \
+                   its numbers run"
                     .to_owned(),
+        }
         };
-        match (&self.profile, &self.custom) {
-            (Some(name), None) => profile::by_name(name),
-            (None, Some(custom)) => Ok(custom.clone()),
-            (None, None) => {
+        match &self.profile {
+            Some(path) if is_profile_file(path) => profile_in(path).map_err(|problem| PriorError::Config {
+                problem,
+                hint: "`sizeup schema depth-network` prints every key of such a file".to_owned(),
+            }),
+            Some(name) => profile::by_name(name),
+            None => {
                 let name = self.model.file_stem().and_then(|name| name.to_str()).unwrap_or_default();
                 known::known_by_name(name)
                     .map_err(|_| refuse("no network profile is set"))
                     .and_then(|network| profile::by_name(network.name))
             }
-            (Some(_), Some(_)) => Err(refuse("both `profile` and `custom` are set")),
         }
     }
 }

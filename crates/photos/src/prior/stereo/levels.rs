@@ -13,8 +13,8 @@ use std::ops::RangeInclusive;
 use glam::{DMat3, DVec2};
 use serde::Serialize;
 
-use super::StereoConfig;
 use super::sweep::{homography, position};
+use super::{BELOW_GROUND_M, StereoConfig};
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::picture::PosedCamera;
 use sizeup_heights::raster::Raster;
@@ -56,7 +56,7 @@ impl Levels {
     ) -> Option<Self> {
         let (lowest, highest) = ground_in_sight(reference, terrain)?;
         let camera_z_m = reference.camera_from_map.centre().z;
-        let from_m = (lowest - config.below_ground_m).floor();
+        let from_m = (lowest - BELOW_GROUND_M).floor();
         let beside_camera_m = camera_z_m - BESIDE_CAMERA_SHARE * (camera_z_m - highest).abs();
         let to_m = (highest + config.max_height_m).ceil().min(beside_camera_m);
         (to_m > from_m).then(|| Self::between(from_m, to_m, reference, others, config.max_levels))

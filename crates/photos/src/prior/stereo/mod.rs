@@ -69,6 +69,20 @@ const PICTURE_BYTES: usize = 128 << 20;
 /// Memory for surfaces that neighbours are held against.
 const SURFACE_BYTES: usize = 128 << 20;
 
+/// Side of the comparison window, pixels.
+const WINDOW_PX: usize = 9;
+/// How far below the lowest ground in a view the search starts, metres.
+const BELOW_GROUND_M: f64 = 5.0;
+/// Least correlation at which a pixel keeps its depth.
+const MIN_SCORE: f64 = 0.4;
+/// Cost of a height change by one level between neighbouring pixels, in 1/255 of a full mismatch.
+const SMALL_STEP_COST: i16 = 8;
+/// Cost of a larger height change, in 1/255 of a full mismatch; less across edges of the photo.
+const LARGE_STEP_COST: i16 = 48;
+/// Neighbours that have to have the same height, by their own matching, or half of those that have the place in their picture
+/// where that is less, but two at least.
+const MIN_AGREEING: usize = 3;
+
 /// How depth is computed from the photos.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -79,25 +93,12 @@ pub struct StereoConfig {
     pub long_side_px: u32,
     /// Most neighbours a view is compared with, 1 to 16.
     pub n_neighbours: usize,
-    /// Side of the comparison window, pixels, odd, 3 to 15.
-    pub window_px: usize,
     /// Highest roof above the highest ground in the view, metres. Above 0. A run sets it to the greatest of the heights that
     /// are looked for.
     #[serde(skip, default = "default_max_height_m")]
     pub max_height_m: f64,
-    /// How far below the lowest ground in the view the search starts, metres. At least 0.
-    pub below_ground_m: f64,
     /// Most height levels, 8 to 255: more are finer and slower.
     pub max_levels: usize,
-    /// Least correlation at which a pixel keeps its depth, −1 to 1.
-    pub min_score: f64,
-    /// Cost of a height change by one level between neighbouring pixels, in 1/255 of a full mismatch.
-    pub small_step_cost: u16,
-    /// Cost of a larger height change, in 1/255 of a full mismatch; less across edges of the photo.
-    pub large_step_cost: u16,
-    /// Neighbours that have to have the same height, by their own matching, or half of those that have the place in their
-    /// picture where that is less, but two at least. 0 believes every view by itself.
-    pub min_agreeing: usize,
     /// Where computed depth is kept, so that each view is matched once.
     #[schemars(extend("x-expert" = false))]
     pub cache: CacheConfig,
@@ -109,19 +110,7 @@ fn default_max_height_m() -> f64 {
 
 impl Default for StereoConfig {
     fn default() -> Self {
-        Self {
-            long_side_px: 672,
-            n_neighbours: 6,
-            window_px: 9,
-            max_height_m: 80.0,
-            below_ground_m: 5.0,
-            max_levels: 128,
-            min_score: 0.4,
-            small_step_cost: 8,
-            large_step_cost: 48,
-            min_agreeing: 3,
-            cache: CacheConfig::default(),
-        }
+        Self { long_side_px: 672, n_neighbours: 6, max_height_m: 80.0, max_levels: 128, cache: CacheConfig::default() }
     }
 }
 
@@ -130,14 +119,8 @@ impl StereoConfig {
         let in_range = [
             ("long_side_px", (64..=2048).contains(&self.long_side_px), "64 to 2048"),
             ("n_neighbours", (1..=16).contains(&self.n_neighbours), "1 to 16"),
-            ("window_px", (3..=15).contains(&self.window_px) && self.window_px % 2 == 1, "odd, 3 to 15"),
             ("max_height_m", self.max_height_m.is_finite() && self.max_height_m > 0.0, "above 0 m"),
-            ("below_ground_m", self.below_ground_m.is_finite() && self.below_ground_m >= 0.0, "at least 0 m"),
             ("max_levels", (8..=255).contains(&self.max_levels), "8 to 255"),
-            ("min_agreeing", self.min_agreeing <= 16, "0 to 16"),
-            ("min_score", (-1.0..=1.0).contains(&self.min_score), "-1 to 1"),
-            ("large_step_cost", self.large_step_cost >= self.small_step_cost, "at least small_step_cost"),
-            ("large_step_cost", self.large_step_cost <= 1024, "at most 1024"),
         ];
         match in_range.iter().find(|(_, is_fine, _)| !is_fine) {
             None => Ok(()),
@@ -268,8 +251,8 @@ impl StereoPriors {
             others: &others,
             ideals: &ideals,
             levels: &fine,
-            radius_px: self.config.window_px / 2,
-            min_score: self.config.min_score,
+            radius_px: WINDOW_PX / 2,
+            min_score: MIN_SCORE,
         };
         let heights_m = self.without_speckles(slopes.find(&heights_m), &fine);
         Ok(MatchedSurface { ideal: reference.posed().clone(), heights_m, levels: fine, is_turned })
@@ -296,7 +279,7 @@ impl StereoPriors {
             unseen: Unseen::IsAgainst,
         };
         let mut found_m = self.choose(&sweep);
-        speckles::leave_out(&mut found_m, &all, SURE_WINDOWS * self.config.window_px * self.config.window_px);
+        speckles::leave_out(&mut found_m, &all, SURE_WINDOWS * WINDOW_PX * WINDOW_PX);
         levels.around(&found_m, TALLER_SHARE, view.posed(), &ideals(others), &self.config)
     }
 
@@ -322,13 +305,13 @@ impl StereoPriors {
     }
 
     fn choose(&self, sweep: &Sweep<'_>) -> Raster<f32> {
-        let volume = sweep.volume(self.config.window_px / 2);
-        let chosen = semi_global::choose_levels(&volume, sweep.reference.grey(), &self.config);
-        self.without_speckles(chosen.heights_m(sweep.levels, self.config.min_score), sweep.levels)
+        let volume = sweep.volume(WINDOW_PX / 2);
+        let chosen = semi_global::choose_levels(&volume, sweep.reference.grey());
+        self.without_speckles(chosen.heights_m(sweep.levels, MIN_SCORE), sweep.levels)
     }
 
     fn without_speckles(&self, mut heights_m: Raster<f32>, levels: &Levels) -> Raster<f32> {
-        let least_px = self.config.window_px * self.config.window_px / SPECKLE_DIVISOR;
+        let least_px = WINDOW_PX * WINDOW_PX / SPECKLE_DIVISOR;
         speckles::leave_out(&mut heights_m, levels, least_px);
         heights_m
     }
@@ -343,7 +326,7 @@ impl PriorSource for StereoPriors {
         let own = self.surface(view)?;
         // One that cannot be matched has no say.
         let others: Vec<_> = self.plan(view)?.others.into_iter().filter_map(|other| self.surface(other).ok()).collect();
-        let heights = consistency::agreed(&own, &others, self.config.min_agreeing);
+        let heights = consistency::agreed(&own, &others, MIN_AGREEING);
         let values = in_photo(&own.ideal, view, &heights);
         if values.data().iter().all(|d| d.is_nan()) {
             let problem = "its neighbours agree with it nowhere";

@@ -16,10 +16,10 @@
 
 use fearless_simd::{Level, dispatch};
 
-use super::StereoConfig;
 use super::correlate;
 use super::levels::Levels;
 use super::sweep::Volume;
+use super::{LARGE_STEP_COST, SMALL_STEP_COST};
 use sizeup_heights::raster::Raster;
 
 /// Grey difference at which `P2` has fallen half-way to `P1`.
@@ -45,10 +45,8 @@ impl Chosen {
 }
 
 /// Chooses a level for every pixel.
-pub(super) fn choose_levels(volume: &Volume, grey: &Raster<f32>, config: &StereoConfig) -> Chosen {
-    // Settings are checked: neither leaves `i16`, nor does the sum over eight directions.
-    let cost = |cost: u16| i16::try_from(cost).unwrap_or(i16::MAX / 16);
-    let steps = Steps { small: cost(config.small_step_cost), large: cost(config.large_step_cost), grey };
+pub(super) fn choose_levels(volume: &Volume, grey: &Raster<f32>) -> Chosen {
+    let steps = Steps { small: SMALL_STEP_COST, large: LARGE_STEP_COST, grey };
     let mut sums = vec![0_i16; volume.costs.len()];
     dispatch!(Level::new(), _simd => {
         along_rows(volume, &steps, &mut sums);
@@ -209,7 +207,7 @@ mod tests {
         let n_levels = costs[0].len();
         let volume = Volume { width: costs.len(), height: 1, n_levels, costs: costs.concat() };
         let grey = Raster::from_vec(costs.len(), 1, grey).unwrap();
-        choose_levels(&volume, &grey, &StereoConfig::default()).pixels.iter().map(|p| p.0.round()).collect()
+        choose_levels(&volume, &grey).pixels.iter().map(|p| p.0.round()).collect()
     }
 
     #[test]

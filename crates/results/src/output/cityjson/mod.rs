@@ -12,6 +12,8 @@ mod read_sequence;
 mod sequence;
 mod vertices;
 
+use crate::output::grid::SCALE_M;
+use crate::output::prism::MIN_THICKNESS_M;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -38,10 +40,6 @@ use vertices::VertexPool;
 #[serde(default, deny_unknown_fields)]
 #[schemars(extend("x-expert" = true))]
 pub struct CityJsonConfig {
-    /// Quantum of all coordinates, metres, 0.0001 to 1 (`transform.scale`; a millimetre by custom of the format).
-    pub scale_m: f64,
-    /// Smallest distance between base and roof of a solid, metres, above 0; a lower building has no geometry.
-    pub min_thickness_m: f64,
     /// Title in the metadata.
     #[schemars(extend("x-expert" = false))]
     pub title: Option<String>,
@@ -54,20 +52,7 @@ pub struct CityJsonConfig {
 
 impl Default for CityJsonConfig {
     fn default() -> Self {
-        Self { scale_m: 0.001, min_thickness_m: 0.5, title: None, names: AttributeNames::Sizeup, extension_url: None }
-    }
-}
-
-impl CityJsonConfig {
-    fn require_valid(&self) -> Result<(), OutputError> {
-        let setting = |name, value, expected| Err(OutputError::Setting { name, value, expected });
-        if !(1e-4..=1.0).contains(&self.scale_m) {
-            return setting("cityjson scale_m", self.scale_m, "0.0001 to 1 metre");
-        }
-        if !(self.min_thickness_m > 0.0 && self.min_thickness_m.is_finite()) {
-            return setting("cityjson min_thickness_m", self.min_thickness_m, "a positive number of metres");
-        }
-        Ok(())
+        Self { title: None, names: AttributeNames::Sizeup, extension_url: None }
     }
 }
 
@@ -80,9 +65,8 @@ pub fn write<R: Records + ?Sized>(
     model: &CityModel<'_, R>,
     config: &CityJsonConfig,
 ) -> Result<Overview, OutputError> {
-    config.require_valid()?;
     let overview = Overview::of(model.records)?;
-    let grid = overview.grid(config.scale_m)?;
+    let grid = overview.grid(SCALE_M)?;
     let header = metadata::header(model, &overview, &grid, config);
     let objects = ObjectSettings { grid: &grid, config, has_roofs: overview.has_roofs };
     write_whole_or(path, |out| {
@@ -123,9 +107,8 @@ const FOOTPRINT_MENDED: &str = "footprint_mended_on_grid";
 ///
 /// # Errors
 /// As [`write()`], but for the file system.
-pub fn check(records: &[BuildingRecord], config: &CityJsonConfig) -> Result<Vec<Issue>, OutputError> {
-    config.require_valid()?;
-    let (grid, _) = OutputGrid::over(records, config.scale_m)?;
+pub fn check(records: &[BuildingRecord]) -> Result<Vec<Issue>, OutputError> {
+    let (grid, _) = OutputGrid::over(records, SCALE_M)?;
     let told = |record: &BuildingRecord, severity, code: &str, message: String| {
         let issue = Issue::new(severity, code, Subject::Building(record.id.clone()), message);
         Some(match record.footprint.as_ref().and_then(|footprint| footprint.exterior().0.first()) {
@@ -133,7 +116,7 @@ pub fn check(records: &[BuildingRecord], config: &CityJsonConfig) -> Result<Vec<
             None => issue,
         })
     };
-    let issue = |record: &BuildingRecord| match SnappedPrism::of(record, &grid, config.min_thickness_m) {
+    let issue = |record: &BuildingRecord| match SnappedPrism::of(record, &grid, MIN_THICKNESS_M) {
         Ok(prism) => {
             let footprint = record.footprint.as_ref().filter(|o| SnappedFootprint::is_repaired(o, &grid))?;
             let change_m2 = prism.footprint().to_polygon(&grid).unsigned_area() - footprint.unsigned_area();

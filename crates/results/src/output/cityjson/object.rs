@@ -1,5 +1,6 @@
 //! City objects: a building in one piece is a `Building`; one in several is a `Building` with a `BuildingPart` each.
 
+use crate::output::prism::MIN_THICKNESS_M;
 use serde_json::{Map as JsonMap, Value, json};
 
 use super::super::attributes;
@@ -89,7 +90,7 @@ impl ObjectSettings<'_> {
 
     /// One object with our own attributes and its solid, or else its footprint on the ground.
     fn solid_object(&self, kind: &str, record: &BuildingRecord, pool: &mut VertexPool) -> Value {
-        let (prism, facts) = SolidFacts::of(record, self.grid, self.config.min_thickness_m);
+        let (prism, facts) = SolidFacts::of(record, self.grid, MIN_THICKNESS_M);
         let own = attributes::own(record, &facts);
         let mut all = if self.config.extension_url.is_some() { names::extended(own) } else { own };
         if self.config.names == AttributeNames::ThreeDBag {

@@ -2,6 +2,7 @@
 //!
 //! Each feature has its own vertices, so memory is bounded by one building and lines can be read in any order.
 
+use crate::output::grid::SCALE_M;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -35,8 +36,7 @@ pub(in crate::output) fn write_lines<R: Records + ?Sized>(
     overview: &Overview,
     failed: impl Fn(io::Error) -> OutputError,
 ) -> Result<(), OutputError> {
-    config.require_valid()?;
-    let grid = overview.grid(config.scale_m)?;
+    let grid = overview.grid(SCALE_M)?;
     let mut header = metadata::header(model, overview, &grid, config);
     header.insert("CityObjects".to_owned(), json!({}));
     header.insert("vertices".to_owned(), json!([]));

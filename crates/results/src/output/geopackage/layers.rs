@@ -1,6 +1,7 @@
 //! The layers with geometry. A layer of single things (cameras, issues, tiles) is a [`Table`]: a column and how to fill
 //! it stand together.
 
+use crate::output::prism::MIN_THICKNESS_M;
 use geo::MapCoords as _;
 use serde_json::Value;
 
@@ -10,7 +11,7 @@ use super::super::footprints::{self, FootprintRows, own_values};
 use super::super::prism::{GridFace, SnappedPrism};
 use super::super::roof_solid::{self, Detail};
 use super::super::{BuildingRecord, OutputError, Overview, Records, wkb};
-use super::{GeoPackageConfig, OutputGrid, TileArea};
+use super::{OutputGrid, TileArea};
 use sizeup_geo::geodata::features::ColumnKind::{Integer, Real, Text};
 use sizeup_geo::geodata::features::{Column, ColumnKind, FID, GeometryKind, LayerSpec, Row};
 use sizeup_geo::geodata::gpkg::Writer;
@@ -88,14 +89,9 @@ pub fn columns_of(layer: &str, overview: &Overview) -> Vec<Column> {
 }
 
 /// Faces of the solids as blocks.
-pub fn blocks<R: Records + ?Sized>(
-    writer: &mut Writer<'_>,
-    records: &R,
-    grid: &OutputGrid,
-    config: &GeoPackageConfig,
-) -> Result<(), OutputError> {
+pub fn blocks<R: Records + ?Sized>(writer: &mut Writer<'_>, records: &R, grid: &OutputGrid) -> Result<(), OutputError> {
     let description = "Faces of the LOD 1.2 solids, for tools that cannot extrude footprints";
-    let faces = |record: &BuildingRecord| Some(SnappedPrism::of(record, grid, config.min_thickness_m).ok()?.faces());
+    let faces = |record: &BuildingRecord| Some(SnappedPrism::of(record, grid, MIN_THICKNESS_M).ok()?.faces());
     solids(writer, ("buildings_lod1", description), records, grid, faces)
 }
 
@@ -104,7 +100,6 @@ pub fn roofed<R: Records + ?Sized>(
     writer: &mut Writer<'_>,
     records: &R,
     grid: &OutputGrid,
-    config: &GeoPackageConfig,
     detail: Detail,
 ) -> Result<(), OutputError> {
     let layer = match detail {
@@ -114,7 +109,7 @@ pub fn roofed<R: Records + ?Sized>(
         }
     };
     let faces = |record: &BuildingRecord| {
-        let block = SnappedPrism::of(record, grid, config.min_thickness_m).ok()?;
+        let block = SnappedPrism::of(record, grid, MIN_THICKNESS_M).ok()?;
         Some(roof_solid::faces(record, &block, grid, detail).unwrap_or_else(|| block.faces()))
     };
     solids(writer, layer, records, grid, faces)

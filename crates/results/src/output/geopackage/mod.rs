@@ -22,12 +22,13 @@ pub use project::{ProjectGround, write_project};
 pub use tables::LINEAGE_TABLE;
 pub(crate) use tables::lineage as write_lineage;
 
+use crate::output::grid::SCALE_M;
+use crate::output::prism::MIN_THICKNESS_M;
 use std::path::Path;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::cityjson::CityJsonConfig;
 use super::footprints::FootprintRows;
 use super::grid::OutputGrid;
 use super::roof_solid::Detail;
@@ -49,16 +50,11 @@ pub struct GeoPackageConfig {
     /// Whether to write the faces of the solids: `buildings_lod1`, blocks for tools that cannot extrude, `buildings_lod13`, with the
     /// levels of stepped roofs, and `buildings_lod2`, with roofs.
     pub solids: bool,
-    /// Quantum of the solids' coordinates, metres, 0.0001 to 1.
-    pub scale_m: f64,
-    /// Smallest distance between base and roof of a solid, metres, above 0.
-    pub min_thickness_m: f64,
 }
 
 impl Default for GeoPackageConfig {
     fn default() -> Self {
-        let CityJsonConfig { scale_m, min_thickness_m, .. } = CityJsonConfig::default();
-        Self { solids: true, scale_m, min_thickness_m }
+        Self { solids: true }
     }
 }
 
@@ -108,17 +104,17 @@ pub fn write_divided<R: Records + ?Sized>(
     areas: &[TileArea],
 ) -> Result<Overview, OutputError> {
     let overview = Overview::of(model.records)?;
-    let grid = overview.grid(config.scale_m)?;
-    let footprints = FootprintRows::new(&overview, grid, config.min_thickness_m);
+    let grid = overview.grid(SCALE_M)?;
+    let footprints = FootprintRows::new(&overview, grid, MIN_THICKNESS_M);
     let timestamp = format!("{}T00:00:00.000Z", model.lineage.reference_date.as_deref().unwrap_or(NO_DATE));
     write_whole_by_name(path, |temporary| {
         gpkg::create(temporary, model.crs.definition(), &timestamp, |writer| {
             writer.create_data_columns()?;
             layers::buildings(writer, model.records, &footprints)?;
             if config.solids {
-                layers::blocks(writer, model.records, &grid, config)?;
-                layers::roofed(writer, model.records, &grid, config, Detail::Levels)?;
-                layers::roofed(writer, model.records, &grid, config, Detail::Slopes)?;
+                layers::blocks(writer, model.records, &grid)?;
+                layers::roofed(writer, model.records, &grid, Detail::Levels)?;
+                layers::roofed(writer, model.records, &grid, Detail::Slopes)?;
             }
             if overview.has_shifts {
                 layers::moved(writer, model.records)?;

@@ -17,6 +17,8 @@ mod place;
 mod quadtree;
 mod spool;
 
+use crate::output::grid::SCALE_M;
+use crate::output::prism::MIN_THICKNESS_M;
 use std::path::Path;
 
 use glam::DVec3;
@@ -25,7 +27,6 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::buildings::Wholes;
-use super::cityjson::CityJsonConfig;
 use super::footprints::FootprintRows;
 use super::grid::OutputGrid;
 use super::picture::colour::{Rgb, height_colour};
@@ -53,17 +54,12 @@ pub struct Tiles3dConfig {
     pub max_buildings: usize,
     /// Precision of written vertices.
     pub precision: Precision,
-    /// Quantum of footprints and levels before they are placed on the earth, metres, 0.0001 to 1.
-    pub scale_m: f64,
-    /// Smallest distance between base and roof of a solid, metres, above 0.
-    pub min_thickness_m: f64,
 }
 
 impl Default for Tiles3dConfig {
     fn default() -> Self {
-        let CityJsonConfig { scale_m, min_thickness_m, .. } = CityJsonConfig::default();
         let (heights, precision) = (Heights::default(), Precision::default());
-        Self { heights, max_buildings: 500, precision, scale_m, min_thickness_m }
+        Self { heights, max_buildings: 500, precision }
     }
 }
 
@@ -89,15 +85,15 @@ pub fn write<R: Records + ?Sized>(
     config: &Tiles3dConfig,
 ) -> Result<Overview, OutputError> {
     let overview = Overview::of(model.records)?;
-    let grid = overview.grid(config.scale_m)?;
-    let rows = FootprintRows::new(&overview, grid, config.min_thickness_m);
+    let grid = overview.grid(SCALE_M)?;
+    let rows = FootprintRows::new(&overview, grid, MIN_THICKNESS_M);
     let centre_m = overview.extent.map_or(DVec3::ZERO, |extent| {
         let [low, high] = [extent.min_m, extent.max_m].map(DVec3::from_array);
         ((low + high) / 2.0).with_z(low.z)
     });
     let place = TilesetPlace::new(model.crs, config.heights, centre_m)?;
     folder::write_whole(path, |temporary| {
-        let shown = ShownBuildings::of(model.records, temporary.parent().unwrap_or(temporary), &rows, &grid, config)?;
+        let shown = ShownBuildings::of(model.records, temporary.parent().unwrap_or(temporary), &rows, &grid)?;
         let tree = Node::root(shown.items, config.max_buildings);
         let writer = TileWriter {
             spool: &shown.spool,
@@ -134,12 +130,11 @@ impl ShownBuildings {
         folder: &Path,
         rows: &FootprintRows,
         grid: &OutputGrid,
-        config: &Tiles3dConfig,
     ) -> Result<Self, OutputError> {
         let mut writer = SpoolWriter::new(folder)?;
         let (mut items, mut hidden) = (Vec::new(), Wholes::default());
         records.visit(&mut |record| {
-            let prism = SnappedPrism::of(record, grid, config.min_thickness_m);
+            let prism = SnappedPrism::of(record, grid, MIN_THICKNESS_M);
             hidden.add_if(prism.is_err(), record);
             let Ok(prism) = prism else { return Ok(()) };
             let roofed = roof_solid::faces(record, &prism, grid, Detail::Slopes);

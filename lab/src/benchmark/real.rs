@@ -5,8 +5,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use sizeup_geo::crs::Crs;
-use sizeup_lab::simulate::{CityJsonTown, ErrorConfig};
 use sizeup_survey::{SurveyConfig, SurveyError, View, ViewKind};
+use sizeup_truth::simulate::{CityJsonTown, ErrorConfig};
 
 /// Buildings from a file in place of a procedural town.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

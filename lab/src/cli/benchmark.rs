@@ -1,24 +1,25 @@
-//! `sizeup benchmark`: scenes with known truth, every method, tables for the documentation.
+//! `sizeup-lab benchmark`: scenes with known truth, every method, tables for the documentation.
 
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::{Call, Failure, Global, Ui, print, print_json};
 use crate::benchmark::accuracy::{self, AccuracyConfig};
 use crate::benchmark::paper::{self, PaperConfig};
 use crate::benchmark::{Again, BenchmarkError, Method, Programs, SuitePlan};
+use sizeup::cli::{Call, Failure, Global, Ui, print, print_json};
+use sizeup::config;
 use sizeup_results::output::sha256_hex;
 
-/// Arguments of `sizeup benchmark`.
+/// Arguments of `sizeup-lab benchmark`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Examples:
-  sizeup benchmark accuracy --small --output bench
-  sizeup benchmark accuracy --output bench --keep-scenes
-  sizeup benchmark paper --output bench --set scenes=[\"res-1\"]
-  sizeup benchmark accuracy --output bench --keep-scenes --again robust --set seeds=[1,2] --set levels=[\"mid\"]
-  sizeup benchmark accuracy --output bench --again outdated
-  sizeup benchmark accuracy --output bench --set 'real=[{name=\"west\",cityjson={path=\"city.json\",max_buildings=80}}]'
+  sizeup-lab benchmark accuracy --small --output bench
+  sizeup-lab benchmark accuracy --output bench --keep-scenes
+  sizeup-lab benchmark paper --output bench --set scenes=[\"res-1\"]
+  sizeup-lab benchmark accuracy --output bench --keep-scenes --again robust --set seeds=[1,2] --set levels=[\"mid\"]
+  sizeup-lab benchmark accuracy --output bench --again outdated
+  sizeup-lab benchmark accuracy --output bench --set 'real=[{name=\"west\",cityjson={path=\"city.json\",max_buildings=80}}]'
 
 A run that was stopped goes on where it was: the folder holds one outcome per scene and method. Those that another
 program made are taken over and said so, in the table too, unless `--again outdated` makes them anew.")]
@@ -63,7 +64,7 @@ pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> 
     match args.suite {
         Suite::Accuracy => {
             let config = if args.small { AccuracyConfig::small() } else { AccuracyConfig::default() };
-            let table = accuracy::run(&with_assignments(&config, args, &ui)?, &plan, &tell);
+            let table = accuracy::run(&with_assignments(&config, args)?, &plan, &tell);
             ui.finish();
             let table = table.map_err(|e| failure(&e))?;
             tell_programs(&ui, &table.programs);
@@ -71,7 +72,7 @@ pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> 
         }
         Suite::Paper => {
             let config = if args.small { PaperConfig::small() } else { PaperConfig::default() };
-            let tables = paper::run(&with_assignments(&config, args, &ui)?, &plan, &tell);
+            let tables = paper::run(&with_assignments(&config, args)?, &plan, &tell);
             ui.finish();
             let tables = tables.map_err(|e| failure(&e))?;
             tell_programs(&ui, &tables.programs);
@@ -82,17 +83,12 @@ pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> 
     Ok(0)
 }
 
-fn with_assignments<T>(config: &T, args: &BenchmarkArgs, ui: &Ui) -> Result<T, Failure>
+fn with_assignments<T>(config: &T, args: &BenchmarkArgs) -> Result<T, Failure>
 where
     T: serde::Serialize + serde::de::DeserializeOwned,
 {
     let text = toml::to_string(config).map_err(|e| Failure::new(4, &e))?;
-    let (config, notes) =
-        crate::config::parse_scene(&text, None, &args.assignments).map_err(|e| Failure::new(2, &e))?;
-    for note in &notes {
-        ui.say(format!("note: {}", note.message));
-    }
-    Ok(config)
+    config::parse_scene(&text, None, &args.assignments).map_err(|e| Failure::new(2, &e))
 }
 
 /// Stands for all outcomes that another program made.

@@ -4,10 +4,10 @@ use std::fs;
 
 use serde_json::Value;
 
-use crate::tiny_scene::{Outcome, sizeup};
+use crate::{Outcome, lab};
 
 fn accuracy(folder: &std::path::Path, more: &[&str]) -> (Outcome, Value) {
-    let mut command = sizeup();
+    let mut command = lab();
     command.args(["benchmark", "accuracy", "--small", "--json", "--output"]).arg(folder).args(more);
     let outcome: Outcome = command.output().unwrap().into();
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
@@ -69,7 +69,7 @@ fn the_small_matrix_measures_every_method_and_goes_on_where_it_was() {
 fn an_empty_list_and_an_unknown_method_are_usage_errors() {
     let folder = tempfile::tempdir().unwrap();
     let run = |more: &[&str]| -> Outcome {
-        let mut command = sizeup();
+        let mut command = lab();
         command.args(["benchmark", "accuracy", "--small", "--output"]).arg(folder.path()).args(more);
         command.output().unwrap().into()
     };
@@ -84,7 +84,7 @@ fn an_empty_list_and_an_unknown_method_are_usage_errors() {
 #[test]
 fn the_papers_tables_have_every_method_and_keep_its_own_numbers_apart() {
     let folder = tempfile::tempdir().unwrap();
-    let mut command = sizeup();
+    let mut command = lab();
     command
         .args([
             "benchmark",
@@ -128,7 +128,7 @@ fn the_papers_tables_have_every_method_and_keep_its_own_numbers_apart() {
     assert!(error("points_p50") < error("convex_hull"));
     let iou = |method: &str| of(method)["bodies"]["volume"]["voxel_iou"]["0.5"].as_f64().unwrap();
     assert!(iou("stacked_prisms") > iou("convex_hull") && iou("points_p50") > 0.6);
-    let unknown: Outcome = sizeup()
+    let unknown: Outcome = lab()
         .args(["benchmark", "paper", "--set", "scenes=[\"res-9\"]", "--output"])
         .arg(folder.path())
         .output()
@@ -152,7 +152,7 @@ fn bodies_are_compared_at_the_results_highest_level_of_detail_too() {
         "errors.position_m=0",
         "errors.angle_deg=0",
     ];
-    let mut command = sizeup();
+    let mut command = lab();
     command.args(["benchmark", "paper", "--small"]).args(settings.iter().flat_map(|key| ["--set", key]));
     command.arg("--output").arg(folder.path());
     let outcome: Outcome = command.output().unwrap().into();
@@ -168,7 +168,7 @@ fn bodies_are_compared_at_the_results_highest_level_of_detail_too() {
 #[test]
 fn the_papers_studies_change_what_they_say() {
     let folder = tempfile::tempdir().unwrap();
-    let outcome: Outcome = sizeup()
+    let outcome: Outcome = lab()
         .args(["benchmark", "paper", "--small", "--set", "scenes=[\"mini-village\"]"])
         .args(["--set", "methods=[\"robust\"]", "--set", "studies.of=[\"cover\",\"range\"]", "--output"])
         .arg(folder.path())

@@ -30,13 +30,13 @@ pub use reliability::SigmaClass;
 pub use scene::{Outcome, Pass, SceneJob, Variant, run_scene};
 pub use studies::{Study, StudyConfig, StudyTables};
 
-use crate::config::ConfigError;
-use crate::pipeline::PipelineError;
+use sizeup::config::ConfigError;
+use sizeup::pipeline::PipelineError;
 use sizeup_geo::files::FileError;
-use sizeup_lab::evaluate::EvaluationError;
-use sizeup_lab::evaluate::solid::SolidError;
-use sizeup_lab::simulate::SimulateError;
 use sizeup_results::output::read::ReadError;
+use sizeup_truth::evaluate::EvaluationError;
+use sizeup_truth::evaluate::solid::SolidError;
+use sizeup_truth::simulate::SimulateError;
 
 /// Folder of a suite, and what it keeps.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,27 +1,26 @@
-//! `sizeup baseline`: quick and simple ways to heights and bodies, on the input of a run.
+//! `sizeup-lab baseline`: quick and simple ways to heights and bodies, on the input of a run.
 
 use std::cell::RefCell;
 use std::path::PathBuf;
 
 use clap::Args;
 
-use super::flags::config_file;
-use super::{Call, EXIT_FAILED_ITEMS, Failure, Global, Ui, print_json};
 use crate::benchmark::{Aids, Method};
-use crate::config::RunConfig;
-use crate::pipeline::{self, RunOptions, Stage};
+use sizeup::cli::{Call, EXIT_FAILED_ITEMS, Failure, Global, Ui, config_file, print_json, tell_summary};
+use sizeup::config::RunConfig;
+use sizeup::pipeline::{self, RunOptions, Stage};
 use sizeup_heights::optimise::{OptimiseConfig, Problem};
-use sizeup_lab::evaluate::cloud_in_project;
-use sizeup_lab::evaluate::read::{TruthOptions, read_truth};
-use sizeup_lab::evaluate::solid::write_obj;
+use sizeup_truth::evaluate::cloud_in_project;
+use sizeup_truth::evaluate::read::{TruthOptions, read_truth};
+use sizeup_truth::evaluate::solid::write_obj;
 
-/// Arguments of `sizeup baseline`.
+/// Arguments of `sizeup-lab baseline`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Examples:
-  sizeup baseline metric_lift sizeup.toml --output lift
-  sizeup baseline points_p90 sizeup.toml --cloud dense.laz --output lidar
-  sizeup baseline stacked_prisms sizeup.toml --cloud points.xyz --output stacks
-  sizeup baseline neighbourhood sizeup.toml --known cadastre.gpkg --output guess
+  sizeup-lab baseline metric_lift sizeup.toml --output lift
+  sizeup-lab baseline points_p90 sizeup.toml --cloud dense.laz --output lidar
+  sizeup-lab baseline stacked_prisms sizeup.toml --cloud points.xyz --output stacks
+  sizeup-lab baseline neighbourhood sizeup.toml --known cadastre.gpkg --output guess
 
 Results are those of `sizeup run`; hulls and stacked prisms are written as bodies.obj beside them.")]
 pub struct BaselineArgs {
@@ -76,7 +75,7 @@ pub(super) fn run(args: &BaselineArgs, global: &Global) -> Result<u8, Failure> {
         write_obj(&path, &bodies).map_err(|e| Failure::new(4, &e))?;
         ui.say(format!("{} bodies in {}", bodies.len(), path.display()));
     }
-    super::run::tell_summary(&ui, &summary);
+    tell_summary(&ui, &summary);
     if global.json {
         print_json(&summary)?;
     }
@@ -85,7 +84,7 @@ pub(super) fn run(args: &BaselineArgs, global: &Global) -> Result<u8, Failure> {
 
 fn aids(method: Method, args: &BaselineArgs, config: &RunConfig) -> Result<Aids, Failure> {
     let needs = |flag: &str| {
-        Failure::from_text(2, format!("{} needs {flag}\nhint: see `sizeup baseline --help`", method.name()))
+        Failure::from_text(2, format!("{} needs {flag}\nhint: see `sizeup-lab baseline --help`", method.name()))
     };
     let mut aids = Aids::default();
     if method.needs_points() {

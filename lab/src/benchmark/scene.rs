@@ -9,18 +9,18 @@ use serde::{Deserialize, Serialize};
 use super::bodies::{BodyScores, score, true_bodies};
 use super::method::Aids;
 use super::{BenchmarkError, Method, RealCameras, SuitePlan};
-use crate::config::RunConfig;
-use crate::pipeline::{RunOptions, RunSummary, Stage, run_with};
+use sizeup::config::RunConfig;
+use sizeup::pipeline::{RunOptions, RunSummary, Stage, run_with};
 use sizeup_geo::cloud;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::{FileError, write_whole};
 use sizeup_heights::optimise::{EpochRecord, OptimiseConfig, Problem};
 use sizeup_heights::stats;
-use sizeup_lab::evaluate::read::{TruthOptions, read_results, read_truth};
-use sizeup_lab::evaluate::solid::{Solid, SolidError, read_solids};
-use sizeup_lab::evaluate::{HeightEvaluation, HeightOptions, TruthBuilding, evaluate_heights};
-use sizeup_lab::simulate::{SimulateConfig, simulate, simulate_with_views};
 use sizeup_results::output::sha256_hex;
+use sizeup_truth::evaluate::read::{TruthOptions, read_results, read_truth};
+use sizeup_truth::evaluate::solid::{Solid, SolidError, read_solids};
+use sizeup_truth::evaluate::{HeightEvaluation, HeightOptions, TruthBuilding, evaluate_heights};
+use sizeup_truth::simulate::{SimulateConfig, simulate, simulate_with_views};
 
 /// A method with settings of its own, under a name.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -242,7 +242,7 @@ fn run_variant(job: &SceneJob, variant: &Variant, folder: &Path, origin: Origin)
     let options = RunOptions {
         from: Stage::Survey,
         until: Stage::Output,
-        command: format!("sizeup benchmark: {} by {}", job.name, method.name()),
+        command: format!("sizeup-lab benchmark: {} by {}", job.name, method.name()),
     };
     let crs = config.project.crs.clone();
     let truth = read_truth(&folder.join("truth.geojson"), &TruthOptions::default(), &crs)?;

@@ -5,15 +5,15 @@ use glam::{DVec2, DVec3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::config::RunConfig;
-use sizeup_heights::optimise::{OptimiseConfig, Preset, Problem, Solution, solve};
-use sizeup_heights::stats;
-use sizeup_lab::baseline::{
+use crate::baseline::{
     LiftConfig, Norm, SegmentedCloud, SlabConfig, constant, convex_hull, metric_lift, neighbourhood, percentile,
     regression, stacked_prisms,
 };
-use sizeup_lab::evaluate::TruthBuilding;
-use sizeup_lab::evaluate::solid::{Solid, UprightPrism};
+use sizeup::config::RunConfig;
+use sizeup_heights::optimise::{OptimiseConfig, Preset, Problem, Solution, solve};
+use sizeup_heights::stats;
+use sizeup_truth::evaluate::TruthBuilding;
+use sizeup_truth::evaluate::solid::{Solid, UprightPrism};
 
 /// A way from a scene's evidence to one height, or one body, per footprint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]

@@ -4,9 +4,9 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::BenchmarkError;
-use sizeup_lab::evaluate::solid::{Facet, Solid};
-use sizeup_lab::evaluate::{SurfaceEvaluation, TargetSurface, VolumeEvaluation, evaluate_surface, evaluate_volume};
-use sizeup_lab::simulate::{RoofOrWall, SimulateConfig, SimulatedBuilding, world};
+use sizeup_truth::evaluate::solid::{Facet, Solid};
+use sizeup_truth::evaluate::{SurfaceEvaluation, TargetSurface, VolumeEvaluation, evaluate_surface, evaluate_volume};
+use sizeup_truth::simulate::{RoofOrWall, SimulateConfig, SimulatedBuilding, world};
 
 /// Simulated walls go this far below the lowest ground, metres; bodies end at the ground.
 const FOUNDATION_M: f64 = 1.0;
@@ -53,7 +53,7 @@ pub(super) fn score(bodies: &[Solid], truth: &[Solid], seed: u64) -> BodyScores 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sizeup_lab::simulate::TownKind;
+    use sizeup_truth::simulate::TownKind;
 
     #[test]
     fn true_bodies_are_closed_and_equal_to_themselves() {

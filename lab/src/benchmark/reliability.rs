@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Method;
 use sizeup_heights::stats;
-use sizeup_lab::evaluate::BuildingError;
+use sizeup_truth::evaluate::BuildingError;
 
 /// Upper limits of the classes of stated sigma, metres; the last class is above.
 const CLASSES_M: [f64; 4] = [0.2, 0.4, 0.8, 1.6];

@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 use super::reliability::{self, SigmaClass};
 use super::{BenchmarkError, Method, Outcome, Programs, RealTown, SceneJob, SuitePlan, TellScenes, Variant, run_scene};
 use sizeup_geo::files::{write_json, write_whole};
-use sizeup_lab::evaluate::{BuildingError, HeightStatistics};
-use sizeup_lab::simulate::{ErrorConfig, PriorLevel, SimulateConfig, TownKind};
 use sizeup_results::output::Status;
+use sizeup_truth::evaluate::{BuildingError, HeightStatistics};
+use sizeup_truth::simulate::{ErrorConfig, PriorLevel, SimulateConfig, TownKind};
 
 /// Errors above this that carry no flag are counted, metres.
 const GROSS_M: f64 = 5.0;

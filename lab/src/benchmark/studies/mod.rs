@@ -15,8 +15,8 @@ use super::accuracy::word;
 use super::{BenchmarkError, Method, Outcome, Programs, SceneJob, SuitePlan, TellScenes, Variant, run_scene};
 use sizeup_geo::files::{FileError, write_json, write_whole};
 use sizeup_heights::stats;
-use sizeup_lab::evaluate::{HeightStatistics, SurfaceEvaluation};
-use sizeup_lab::simulate::{ErrorConfig, FootprintsOf, PriorLevel, SimulateConfig, TownKind};
+use sizeup_truth::evaluate::{HeightStatistics, SurfaceEvaluation};
+use sizeup_truth::simulate::{ErrorConfig, FootprintsOf, PriorLevel, SimulateConfig, TownKind};
 
 /// Mean relative change of the heights below which the paper calls an optimisation stable.
 const STABLE_CHANGE: f64 = 0.005;

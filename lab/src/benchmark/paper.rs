@@ -14,7 +14,7 @@ use super::{
     BenchmarkError, BodyScores, Method, Outcome, Programs, SceneJob, SuitePlan, TellScenes, Variant, run_scene,
 };
 use sizeup_geo::files::{write_json, write_whole};
-use sizeup_lab::simulate::{ErrorConfig, FlightPattern, PriorLevel, SimulateConfig};
+use sizeup_truth::simulate::{ErrorConfig, FlightPattern, PriorLevel, SimulateConfig};
 
 /// Points tried per building for the point cloud.
 const POINTS_PER_BUILDING: usize = 3000;

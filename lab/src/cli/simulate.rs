@@ -1,18 +1,19 @@
-//! `sizeup simulate`: a scene with known truth.
+//! `sizeup-lab simulate`: a scene with known truth.
 
 use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{Failure, Global, Ui, print_json};
-use sizeup_lab::simulate::{SimulateConfig, SimulateError, SimulationSummary, simulate};
+use sizeup::cli::{Failure, Global, Ui, print_json, simulate_scene};
+use sizeup::config;
+use sizeup_truth::simulate::SimulateConfig;
 
-/// Arguments of `sizeup simulate`.
+/// Arguments of `sizeup-lab simulate`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Examples:
-  sizeup simulate --preset district --output scene
-  sizeup simulate --preset village --set prior.level=high --set seed=7 --output scene
-  sizeup simulate --set cityjson.path=rotterdam.city.json --output scene")]
+  sizeup-lab simulate --preset district --output scene
+  sizeup-lab simulate --preset village --set prior.level=high --set seed=7 --output scene
+  sizeup-lab simulate --set cityjson.path=rotterdam.city.json --output scene")]
 pub struct SimulateArgs {
     /// Name of a ready scene.
     #[arg(long, default_value = "demo", value_parser = preset_names())]
@@ -20,7 +21,7 @@ pub struct SimulateArgs {
     /// Settings file (TOML) in place of a preset.
     #[arg(long, value_name = "FILE", conflicts_with = "preset")]
     pub config: Option<PathBuf>,
-    /// Set one key, as in `--set prior.level=high`. May be repeated; `sizeup schema simulate` lists the keys.
+    /// Set one key, as in `--set prior.level=high`. May be repeated; `sizeup-lab schema` lists the keys.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub assignments: Vec<String>,
     /// Folder of the scene.
@@ -41,14 +42,10 @@ pub(super) fn run(args: &SimulateArgs, global: &Global) -> Result<u8, Failure> {
             toml::to_string(&preset).map_err(|e| Failure::new(4, &e))?
         }
     };
-    let (config, notes): (SimulateConfig, _) =
-        crate::config::parse_scene(&text, args.config.as_deref(), &args.assignments)
-            .map_err(|e| Failure::new(2, &e))?;
+    let config: SimulateConfig =
+        config::parse_scene(&text, args.config.as_deref(), &args.assignments).map_err(|e| Failure::new(2, &e))?;
     let ui = Ui::new(global);
-    for note in &notes {
-        ui.say(format!("note: {}", note.message));
-    }
-    let summary = make(&config, &args.output, &ui)?;
+    let summary = simulate_scene(&config, &args.output, &ui)?;
     ui.say(format!(
         "{} buildings of {:.0} to {:.0} m, {} views ({} nadir) in {}",
         summary.n_buildings,
@@ -63,15 +60,4 @@ pub(super) fn run(args: &SimulateArgs, global: &Global) -> Result<u8, Failure> {
         print_json(&summary)?;
     }
     Ok(0)
-}
-
-/// Simulates with a bar.
-pub(super) fn make(config: &SimulateConfig, output: &std::path::Path, ui: &Ui) -> Result<SimulationSummary, Failure> {
-    let summary = simulate(config, output, &|done, total| ui.advance("simulating", done, total));
-    ui.finish();
-    summary.map_err(|e| {
-        let is_usage =
-            matches!(e, SimulateError::Setting { .. } | SimulateError::UnknownPreset { .. } | SimulateError::Crs(_));
-        Failure::new(if is_usage { 2 } else { 4 }, &e)
-    })
 }

@@ -296,7 +296,6 @@ pub struct SimulatedMasks {
     /// Whether masks are written.
     pub enabled: bool,
     /// The contour of a building that they follow.
-    #[serde(alias = "outline")]
     pub contour: MaskContour,
     /// How far they are from the truth; only for footprints on the ground.
     pub level: MaskLevel,
@@ -382,7 +381,6 @@ pub struct ErrorConfig {
     /// Error of footprint vertices, per axis, metres.
     pub vertex_m: f64,
     /// By how much every footprint is too large (negative: too small), metres.
-    #[serde(alias = "outline_m")]
     pub footprint_m: f64,
     /// Error of each building's place, per axis, metres: footprints that share walls are off by the same.
     pub building_m: f64,
