@@ -186,7 +186,7 @@ mod tests {
         let hills = |at: DVec2| 10.0 * (at.x / 32.0).sin() + 0.05 * at.y;
         let places = || (0..64).map(|i| DVec2::new(f64::from(i % 8), f64::from(i / 8)) * 17.0 - 60.0);
         for (name, ground, noise_m, most_m) in
-            [("hills", &hills as &dyn Fn(DVec2) -> f64, 0.05, 0.3), ("level", &|_| 0.0, 1.0, 0.35)]
+            [("hills", &hills as &dyn Fn(DVec2) -> f64, 0.05, 0.1), ("level", &|_| 0.0, 1.0, 0.15)]
         {
             let surface = GroundSurface::new(squares(ground, noise_m, 0.0), noise_m);
             let of = |at: DVec2| surface.at(at).map(|(z_m, sigma_m)| ((z_m - ground(at)).abs(), sigma_m)).unwrap();
