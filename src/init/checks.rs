@@ -46,18 +46,19 @@ pub(super) fn flight_of(found: &Findings, placed: Option<&Placed>) -> Flight {
 /// Faults that make a flight useless for heights, said before all else.
 pub(super) fn lacks_of_flight(flight: &Flight) -> Vec<Lack> {
     let mut lacks: Vec<Lack> = Vec::new();
-    if flight.n_views > 0 && flight.n_oblique == 0 {
-        let why =
-            format!("all {} photos look straight down (within 15°): they show roofs, and no heights", flight.n_views);
+    if flight.n_views > 0 && flight.n_oblique == 0 && (flight.n_nadir == 0 || flight.n_photos == 0) {
+        let why = format!(
+            "all {} views look straight down (within 15°), or up: without the photos themselves they show no heights",
+            flight.n_views
+        );
         lacks.push(Lack::new(
             "oblique photos",
             why,
             "fly again with the camera tilted by 30 to 60° from straight down, from several sides",
         ));
     }
-    if flight.n_oblique > 1 && flight.lacks_baseline {
-        let why =
-            "the oblique photos of a place were all taken from one spot: they show no depth, whatever they look at";
+    if (flight.n_oblique > 1 || flight.is_nadir_only()) && flight.lacks_baseline {
+        let why = "the photos of a place were all taken from one spot: they show no depth, whatever they look at";
         lacks.push(Lack::new(
             "photos from different places",
             why,
@@ -81,6 +82,13 @@ pub(super) fn doubts_of_flight(found: &Findings, flight: &Flight) -> Vec<String>
     /// Fewer oblique photos of a place leave walls unseen.
     const FEW_OBLIQUE: f64 = 4.0;
     let mut doubts = Vec::new();
+    if flight.is_nadir_only() {
+        doubts.push(format!(
+            "all {} photos look straight down (within 15°): roofs are measured where three and more overlap, by stereo; photos tilted by 30 to \
+             60°, from several sides, make heights better",
+            flight.n_views
+        ));
+    }
     if let Some(n) = flight.seen_by_oblique.filter(|n| *n < FEW_OBLIQUE && flight.n_oblique > 0) {
         doubts.push(format!(
             "a place is seen by {n:.0} oblique photos (median): heights want {FEW_OBLIQUE:.0} and more, from several sides"

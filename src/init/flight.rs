@@ -54,6 +54,11 @@ pub struct Flight {
 }
 
 impl Flight {
+    /// Whether heights are measured in photos that look straight down, for lack of others.
+    pub(super) fn is_nadir_only(&self) -> bool {
+        self.n_oblique == 0 && self.n_nadir > 0 && self.n_photos > 0
+    }
+
     /// Flight of a survey in the project's frame; without ground nothing is said of heights and pixels.
     pub(super) fn of(survey: &Survey, ground: Option<&Terrain>, facts: &[PhotoFacts]) -> Self {
         let n_of = |kind: ViewKind| survey.views.iter().filter(|view| view.kind() == kind).count();
@@ -133,16 +138,18 @@ fn is_from_one_spot(oblique: &[Viewpoints]) -> bool {
     2 * n_from_one > several().count()
 }
 
-/// Number of photos that see a place, and the oblique ones of them, at places that photos look at.
+/// Number of photos that see a place, and those of them that measure heights, at places that photos look at.
 fn overlap(views: &[View], ground: &Terrain) -> (Vec<f64>, Vec<Viewpoints>) {
     let step = views.len().div_ceil(N_PLACES).max(1);
+    let has_oblique = views.iter().any(|view| view.kind() == ViewKind::Oblique);
+    let kind = if has_oblique { ViewKind::Oblique } else { ViewKind::Nadir };
     let places = views.iter().step_by(step).filter_map(|view| {
         let place = centre_on_ground(view, ground)?;
         Some(place.extend(ground.height_at(place.x, place.y)?))
     });
     let counts = places.map(|place| {
         let n_seeing = views.iter().filter(|view| view.pixel_of(place).is_some()).count();
-        (n_seeing as f64, Viewpoints::of(views.iter().filter(|view| view.kind() == ViewKind::Oblique), place))
+        (n_seeing as f64, Viewpoints::of(views.iter().filter(|view| view.kind() == kind), place))
     });
     counts.unzip()
 }

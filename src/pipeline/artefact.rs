@@ -19,7 +19,7 @@ use sizeup_geo::terrain::GroundLevel;
 use sizeup_heights::estimate::{Part, Split};
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::ids::BuildingId;
-use sizeup_heights::optimise::{LayerShift, LevelGain, Solution};
+use sizeup_heights::optimise::{LayerShift, LevelGain, LevelOff, Solution};
 use sizeup_survey::Survey;
 
 /// Footprints with their ground.
@@ -40,13 +40,16 @@ pub struct FootprintStage {
     /// Buildings whose footprints were split, and why; filled while heights are found.
     #[serde(skip)]
     pub levels: Vec<(BuildingId, LevelGain)>,
+    /// Terrain by the photos, which `ground` and the scene are corrected by; filled before heights are found, and kept with them.
+    #[serde(skip)]
+    pub told: GroundTold,
 }
 
 impl FootprintStage {
     /// Stage of footprints that were not found in photos.
     #[must_use]
     pub fn of_layer(layer: FootprintLayer, ground: Vec<Option<GroundLevel>>, issues: Vec<Issue>) -> Self {
-        Self { layer, ground, issues, tracks: None, detection: None, levels: Vec::new() }
+        Self { layer, ground, issues, tracks: None, detection: None, levels: Vec::new(), told: GroundTold::default() }
     }
 }
 
@@ -96,6 +99,11 @@ impl HeightStage {
             ground: GroundTold::default(),
             layer_shift: None,
         }
+    }
+
+    /// Error of the terrain's level by depth alone, where no photo shows the ground: it is not corrected.
+    pub(super) fn level_off(&self) -> Option<LevelOff> {
+        self.solution.level_off.filter(|_| self.ground.off_m.is_empty())
     }
 
     /// How far the photos were moved onto the footprints, map frame, metres.

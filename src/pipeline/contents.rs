@@ -76,7 +76,8 @@ fn files(config: &RunConfig, stage: Stage, survey: &Survey) -> BTreeSet<(&'stati
         let priors = config.prior.file_of_each(&survey.views).unwrap_or_default();
         let from_all = matches!(*config.prior.chosen(), PriorConfig::Stereo(_));
         let of_views = survey.views.iter().zip(priors);
-        let used = of_views.filter(|(view, _)| from_all || view.kind() == ViewKind::Oblique);
+        let kind = survey.kind_for_heights();
+        let used = of_views.filter(|(view, _)| from_all || view.kind() == kind);
         files.extend(used.filter_map(|(_, path)| Some(("prior", path?))));
         files.extend(photos(&|view| reads_photo(config, view)));
     }

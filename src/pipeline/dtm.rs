@@ -9,10 +9,11 @@ use glam::DVec3;
 
 use super::apart::check_apart;
 use super::input::check_baseline;
-use super::{Event, PipelineError, Tell, soundness};
+use super::{Event, GroundTold, PipelineError, Tell, soundness};
 use crate::config::RunConfig;
 use sizeup_footprints::FootprintSource;
 use sizeup_geo::crs::Crs;
+use sizeup_geo::files::write_json;
 use sizeup_geo::geodata::raster::RasterFile;
 use sizeup_geo::geodata::{GridPlace, write_geotiff};
 use sizeup_geo::terrain::{self, Terrain, TerrainConfig};
@@ -96,12 +97,24 @@ pub(super) fn for_run(config: &RunConfig, survey: &Survey, tell: Tell<'_>) -> Re
     check_baseline(config, survey, &place.targets())?;
     let (dtm, footprints) = place.dtm(survey, settings, &|done, total| tell(Event::Ground { done, total }))?;
     write_dtm(&dtm, &config.project.crs, &path_of(config))?;
+    let squares = GroundTold::of(&dtm.squares, dtm.sigma_m, |at| dtm.dem.height_at(at.x, at.y));
+    write_json(&squares_path_of(config), &squares)?;
     if config.output.pictures {
         let polygons: Vec<&Polygon<f64>> = footprints.iter().collect();
         let picture = relief_map(&dtm, &polygons, &config.project.crs);
         write_png(&config.project.output.join("pictures").join("dtm.png"), &picture)?;
     }
     Ok(())
+}
+
+/// Squares of open ground that the model of a run was made from, against it; none where they are not kept.
+pub(super) fn squares_of_run(config: &RunConfig) -> GroundTold {
+    let file = std::fs::read(squares_path_of(config));
+    file.ok().and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default()
+}
+
+fn squares_path_of(config: &RunConfig) -> PathBuf {
+    config.project.output.join("stages").join("dtm_squares.json")
 }
 
 /// Writes a model (`GeoTIFF`), in the vertical reference of the poses.

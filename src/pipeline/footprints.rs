@@ -7,8 +7,8 @@ use glam::DVec2;
 
 use super::apart::check_apart;
 use super::dtm::terrain_in_force;
-use super::stages::load_terrain;
-use super::{FootprintStage, HeightStage, PipelineError, pictures};
+use super::stages::{extent, load_terrain};
+use super::{FootprintStage, GroundTold, HeightStage, PipelineError, pictures};
 use crate::config::RunConfig;
 use sizeup_footprints::{ContourSource, Detection, FootprintSource, MaskFiles, Segmenter};
 use sizeup_geo::issue::{Severity, Subject};
@@ -135,6 +135,25 @@ pub(super) fn on_ground(
     FootprintStage::of_layer(layer, ground, issues)
 }
 
+/// Puts the buildings onto the terrain as the photos correct it. Where they leave it as it is, nothing changes.
+pub(super) fn correct_ground(
+    config: &RunConfig,
+    footprints: &mut FootprintStage,
+    told: GroundTold,
+) -> Result<(), PipelineError> {
+    footprints.told = told;
+    let polygons = || footprints.layer.footprints.iter().map(|f| &f.polygon);
+    let (false, Some(area)) = (footprints.told.off_m.is_empty(), extent(polygons())) else { return Ok(()) };
+    let terrain = load_terrain(config, polygons(), 0.0)?.terrain;
+    let Some(corrected) = footprints.told.corrected(config, &terrain, area) else { return Ok(()) };
+    for (footprint, ground) in footprints.layer.footprints.iter().zip(&mut footprints.ground) {
+        // What is to be said of gaps was said when the footprint was put onto the terrain.
+        let level = |_| ground_under(&corrected, &footprint.id, &footprint.polygon, config.ground).0;
+        *ground = ground.and_then(level).or(*ground);
+    }
+    Ok(())
+}
+
 /// The terrain that the nadir views see.
 fn terrain_of_views(config: &RunConfig, survey: &Survey) -> Result<LoadedTerrain, PipelineError> {
     let nadir = || survey.views.iter().filter(|v| v.kind() == ViewKind::Nadir);
@@ -183,6 +202,8 @@ pub(super) fn move_roofs(
     let layer = std::mem::take(&mut footprints.layer);
     let fresh = on_ground(config, layer, &terrain);
     (footprints.layer, footprints.ground, footprints.issues) = (fresh.layer, fresh.ground, fresh.issues);
+    let told = std::mem::take(&mut footprints.told);
+    correct_ground(config, footprints, told)?;
     Ok(moved.iter().any(|m| *m > SETTLED_M))
 }
 

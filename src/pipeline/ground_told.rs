@@ -2,12 +2,13 @@
 //!
 //! ```text
 //! d_i      ground in the photos minus terrain, at squares of open ground between the buildings
-//! d, σ     level and standard deviation of a robust plane through the d_i around a building
+//! d, σ     level and standard deviation of a surface through the d_i ([`GroundSurface`])
 //! terrain  a model is corrected by d where |d| ≥ 0.5 m and 3 σ; one height for all is corrected wherever d is known
 //! ```
 //!
-//! An error of the terrain passes one to one into heights, whereas roofs are measured in the photos and stay right. Poses and
-//! photos are the same for roofs and ground, so their common error cancels here.
+//! The terrain is corrected before heights are looked for: an error of it passes one to one into heights, low houses over a terrain
+//! that is too high end at the least height, and views are chosen by what the terrain hides. Poses and photos are the same for roofs
+//! and ground, so their common error cancels here.
 //!
 //! The whole area is reported too: the median of all `d_i`, and the ninth of the area that differs most from it, both from 1 m and
 //! three standard errors on.
@@ -17,6 +18,7 @@ use std::collections::BTreeMap;
 use geo::Centroid as _;
 use geo_types::Polygon;
 use glam::DVec2;
+use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 use serde::{Deserialize, Serialize};
@@ -25,9 +27,10 @@ use super::FootprintStage;
 use super::stages::SceneStage;
 use crate::config::RunConfig;
 use sizeup_geo::issue::{Issue, Severity, Subject};
-use sizeup_geo::terrain::{MapBox, TerrainConfig};
+use sizeup_geo::terrain::{Dem, MapBox, Terrain};
+use sizeup_heights::raster::Raster;
 use sizeup_heights::stats;
-use sizeup_photos::dtm::{self, DtmConfig, SquareOutcome};
+use sizeup_photos::dtm::{self, DtmConfig, GroundSquare, GroundSurface, SquareOutcome};
 use sizeup_photos::prior::Album;
 use sizeup_survey::Survey;
 
@@ -48,12 +51,9 @@ const TOLD_M: f64 = 1.0;
 const STANDARD_ERRORS: f64 = 3.0;
 /// Standard error of a median, in standard errors of a mean, for normal errors.
 const OF_MEDIAN: f64 = 1.2533;
-/// Squares within this of a building give its ground, metres, weighted by a Gaussian of this width.
-const AROUND_M: f64 = 60.0;
-const WIDTH_M: f64 = 30.0;
-/// Where too few are there, squares within a multiple of both, with this much more standard deviation, metres.
-const FARTHER: f64 = 2.0;
-const FARTHER_SIGMA_M: f64 = 0.5;
+/// From one node to the next at which the terrain is corrected, metres; between them it is interpolated. The surface through the squares
+/// has a range of 45 m.
+const NODE_M: f64 = 20.0;
 /// A terrain model is corrected from this on, metres and standard deviations: what a good one and matching differ by.
 const CORRECTED_M: f64 = 0.5;
 const CORRECTED_SIGMAS: f64 = 3.0;
@@ -69,6 +69,9 @@ const UNSURE_M: f64 = 1.0;
 pub struct GroundTold {
     /// Places where they show the ground, map, and its height above the terrain, metres.
     pub off_m: Vec<([f64; 2], f64)>,
+    /// Standard deviation of these heights, by their neighbours, metres.
+    #[serde(default)]
+    pub sigma_m: f64,
 }
 
 /// Distance from one square to the next over a city whose footprints lie within a box, metres: the same in all of its parts.
@@ -80,9 +83,14 @@ pub(super) fn spacing_m(footprints: MapBox) -> f64 {
     (spacing_m / SPACING_STEP_M).floor().max(1.0) * SPACING_STEP_M
 }
 
-/// Whether the terrain is held against photos, where there are any: not where it is made from them.
+/// Whether the terrain is held against photos, where there are any: where it is made from them, that was done.
 pub(super) fn asks(config: &RunConfig) -> bool {
     config.dtm.is_none()
+}
+
+/// Whether the terrain is a model that others made: its error is small, unless the photos contradict it.
+fn is_model(config: &RunConfig) -> bool {
+    config.dtm.is_none() && config.terrain.dtm.is_some()
 }
 
 /// Memory that looking at the ground takes at most with so many photos, bytes.
@@ -90,8 +98,8 @@ pub(super) fn photo_bytes(n_photos: usize) -> usize {
     dtm::PICTURE_BYTES.min(n_photos.saturating_mul(Album::bytes_of_one(DtmConfig::default().long_side_px)))
 }
 
-/// Looks at open ground in the photos; nothing where there are too few, or the terrain was made from them. Of a part of a city
-/// it looks at the part's core and as far around it as its buildings' ground is told by.
+/// Looks at open ground in the photos; nothing where there are too few. Where the terrain was made from them, that has been done. Of a
+/// part of a city it looks at the part's core and as far around it as its buildings' ground is told by.
 pub(super) fn look(
     config: &RunConfig,
     survey: &Survey,
@@ -99,30 +107,41 @@ pub(super) fn look(
     stage: &SceneStage,
     core: Option<MapBox>,
 ) -> GroundTold {
-    if !asks(config) || !survey.views.iter().any(|view| view.image.is_some()) {
+    if !asks(config) {
+        return super::dtm::squares_of_run(config);
+    }
+    if !survey.views.iter().any(|view| view.image.is_some()) {
         return GroundTold::default();
     }
     let polygons: Vec<&Polygon<f64>> = footprints.layer.footprints.iter().map(|f| &f.polygon).collect();
     let spacing_m = stage.ground_spacing_m;
     let settings = DtmConfig { margin_m: MARGIN_M, spacing_m, ..DtmConfig::default() };
     let area = dtm::area(&survey.views, &polygons, &settings);
-    let area = core.map_or(area, |core| core.grown(FARTHER * AROUND_M + NEIGHBOURS * spacing_m).shared_with(&area));
+    let area = core.map_or(area, |core| core.grown(dtm::REACH_M + NEIGHBOURS * spacing_m).shared_with(&area));
     // A photo that cannot be read is told of elsewhere.
-    let Ok((squares, _)) = dtm::off_by(&survey.views, &polygons, &stage.terrain, area, &settings, &|_, _| ()) else {
+    let Ok((squares, sigma_m)) = dtm::off_by(&survey.views, &polygons, &stage.terrain, area, &settings, &|_, _| ())
+    else {
         return GroundTold::default();
     };
-    let ground = squares.iter().filter_map(|square| match square.outcome {
-        SquareOutcome::Ground(off_m) => Some((square.at.to_array(), off_m)),
-        SquareOutcome::Outlier(_) | SquareOutcome::Unclear | SquareOutcome::Unseen => None,
-    });
-    GroundTold { off_m: ground.collect() }
+    GroundTold::of(&squares, sigma_m, |_| Some(0.0))
 }
 
 impl GroundTold {
+    /// Squares of ground, each against a level there; `None` takes it out.
+    pub(super) fn of(squares: &[GroundSquare], sigma_m: f64, level_at: impl Fn(DVec2) -> Option<f64>) -> Self {
+        let ground = squares.iter().filter_map(|square| match square.outcome {
+            SquareOutcome::Ground(z_m) => Some((square.at.to_array(), z_m - level_at(square.at)?)),
+            SquareOutcome::Outlier(_) | SquareOutcome::Unclear | SquareOutcome::Unseen => None,
+        });
+        // Without neighbours there is no spread.
+        Self { off_m: ground.collect(), sigma_m: if sigma_m.is_finite() { sigma_m } else { 0.0 } }
+    }
+
     /// Those of its places that tell of the ground of buildings in a core.
     pub(super) fn around(&self, core: &MapBox) -> Self {
-        let area = core.grown(FARTHER * AROUND_M);
-        Self { off_m: self.off_m.iter().filter(|(at, _)| area.holds((at[0], at[1]))).copied().collect() }
+        let area = core.grown(dtm::REACH_M);
+        let off_m = self.off_m.iter().filter(|(at, _)| area.holds((at[0], at[1]))).copied().collect();
+        Self { off_m, sigma_m: self.sigma_m }
     }
 
     /// Verdict of a city's parts, each with its core: of a place that several looked at, the part says it whose
@@ -130,7 +149,9 @@ impl GroundTold {
     #[must_use]
     pub fn of_parts(parts: impl IntoIterator<Item = (MapBox, Self)>) -> Self {
         let mut told: BTreeMap<[u64; 2], ([f64; 2], f64, f64)> = BTreeMap::new();
+        let mut sigma_m: f64 = 0.0;
         for (core, part) in parts {
+            sigma_m = sigma_m.max(part.sigma_m);
             for (at, off_m) in part.off_m {
                 let distance_m = core.distance_m((at[0], at[1]));
                 // Squares lie on one grid: places are the same to the bit.
@@ -140,7 +161,7 @@ impl GroundTold {
                 }
             }
         }
-        Self { off_m: told.into_values().map(|(at, _, off_m)| (at, off_m)).collect() }
+        Self { off_m: told.into_values().map(|(at, _, off_m)| (at, off_m)).collect(), sigma_m }
     }
 
     /// Issue of the terrain as a whole: a shift, or where it differs most.
@@ -212,39 +233,96 @@ impl GroundTold {
     }
 
     /// Ground of some footprints by the squares around them, in their order.
-    pub(super) fn corrections(
-        &self,
-        footprints: &FootprintStage,
-        terrain: &TerrainConfig,
-    ) -> Vec<Option<GroundCorrection>> {
-        let places = self.off_m.iter().map(|(at, off_m)| GeomWithData::new(*at, *off_m));
-        let tree: RTree<GeomWithData<[f64; 2], f64>> = RTree::bulk_load(places.collect());
+    pub(super) fn corrections(&self, config: &RunConfig, footprints: &FootprintStage) -> Vec<Option<GroundCorrection>> {
+        let surface = self.surface();
         let of = |polygon: &Polygon<f64>| {
             let middle = polygon.centroid()?;
-            let middle = DVec2::new(middle.x(), middle.y());
-            let within = |wider: f64| {
-                let reach_m = wider * AROUND_M;
-                let near = tree.locate_within_distance(middle.to_array(), reach_m * reach_m);
-                let mut around: Vec<(DVec2, f64)> =
-                    near.map(|square| (DVec2::from_array(*square.geom()) - middle, square.data)).collect();
-                around.sort_by(|a, b| a.0.x.total_cmp(&b.0.x).then(a.0.y.total_cmp(&b.0.y)));
-                dtm::ground_level(&around, wider * WIDTH_M)
-            };
-            let (off_m, sigma_m) = within(1.0).or_else(|| {
-                let (off_m, sigma_m) = within(FARTHER)?;
-                Some((off_m, sigma_m.hypot(FARTHER_SIGMA_M)))
-            })?;
-            Some(GroundCorrection::of(off_m, sigma_m.hypot(BESIDE_M), terrain.dtm.is_some()))
+            let (off_m, sigma_m) = surface.at(DVec2::new(middle.x(), middle.y()))?;
+            Some(GroundCorrection::of(off_m, sigma_m.hypot(BESIDE_M), is_model(config)))
         };
         let found: Vec<Option<GroundCorrection>> =
-            footprints.layer.footprints.iter().map(|footprint| of(&footprint.polygon)).collect();
+            footprints.layer.footprints.par_iter().map(|footprint| of(&footprint.polygon)).collect();
         let corrected: Vec<f64> = found.iter().flatten().map(|ground| ground.off_m.abs()).collect();
         // One height that is wrong elsewhere is not to be trusted where no photo shows the ground.
-        let is_wrong = terrain.dtm.is_none() && stats::median(&corrected).is_some_and(|off_m| off_m >= CORRECTED_M);
+        let is_wrong = !is_model(config) && stats::median(&corrected).is_some_and(|off_m| off_m >= CORRECTED_M);
         let unknown = is_wrong
             .then_some(GroundCorrection { off_m: 0.0, sigma_m: stats::quantile(&corrected, 0.68).unwrap_or(0.0) });
         found.into_iter().map(|ground| ground.or(unknown)).collect()
     }
+
+    fn surface(&self) -> GroundSurface {
+        GroundSurface::new(self.off_m.iter().copied(), self.sigma_m)
+    }
+
+    /// A terrain as the photos correct it: a model over itself, one height for all over an area; `None` where they leave it as it is.
+    pub(super) fn corrected(&self, config: &RunConfig, terrain: &Terrain, area: MapBox) -> Option<Terrain> {
+        if self.off_m.is_empty() {
+            return None;
+        }
+        let area = match terrain {
+            Terrain::Constant(_) => area,
+            Terrain::Grid(dem) => extent_of(dem),
+        };
+        let raised = self.raised(config, area)?;
+        let corrected = match terrain {
+            Terrain::Constant(level_m) => {
+                let ((west_m, north_m), (cell_m, _)) = (raised.corner_m(), raised.cell_m());
+                Dem::new(raised.heights_m().map(|off_m| off_m + *level_m as f32), west_m, north_m, cell_m, cell_m)
+            }
+            Terrain::Grid(dem) => {
+                let (heights_m, (west_m, north_m), (cell_x_m, cell_y_m)) =
+                    (dem.heights_m(), dem.corner_m(), dem.cell_m());
+                let width = heights_m.width();
+                let value = |(i, z_m): (usize, &f32)| {
+                    let x = west_m + cell_x_m * ((i % width) as f64 + 0.5);
+                    let y = north_m - cell_y_m * ((i / width) as f64 + 0.5);
+                    raised.height_at(x, y).map_or(*z_m, |off_m| (f64::from(*z_m) + off_m) as f32)
+                };
+                let values = heights_m.data().par_iter().enumerate().map(value).collect();
+                let values =
+                    Raster::from_vec(width, heights_m.height(), values).expect("as many cells as the model has");
+                Dem::new(values, west_m, north_m, cell_x_m, cell_y_m)
+            }
+        };
+        corrected.ok().map(Terrain::Grid)
+    }
+
+    /// The correction over an area, on nodes that lie where they do whatever the area; `None` where it is none. Nodes without squares around
+    /// are corrected as the nearest ones with them.
+    fn raised(&self, config: &RunConfig, area: MapBox) -> Option<Dem> {
+        let surface = self.surface();
+        let node = |m: f64| (m / NODE_M).floor() as i64;
+        let (west, south) = (node(area.west_m), node(area.south_m));
+        let (width, height) = ((node(area.east_m) + 2 - west) as usize, (node(area.north_m) + 2 - south) as usize);
+        let place = |i: usize| {
+            let (col, row) = ((i % width) as i64, (i / width) as i64);
+            DVec2::new((west + col) as f64, (south + height as i64 - 1 - row) as f64) * NODE_M
+        };
+        let off_at = |i: usize| {
+            let (off_m, sigma_m) = surface.at(place(i))?;
+            Some(GroundCorrection::of(off_m, sigma_m.hypot(BESIDE_M), is_model(config)).off_m)
+        };
+        let known: Vec<Option<f64>> = (0..width * height).into_par_iter().map(off_at).collect();
+        if known.iter().flatten().all(|off_m| *off_m == 0.0) {
+            return None;
+        }
+        let nodes =
+            known.iter().enumerate().filter_map(|(i, off_m)| Some(GeomWithData::new(place(i).to_array(), (*off_m)?)));
+        let tree: RTree<GeomWithData<[f64; 2], f64>> = RTree::bulk_load(nodes.collect());
+        let nearest = |i: usize| tree.nearest_neighbor(&place(i).to_array()).map_or(0.0, |node| node.data);
+        let value = |(i, off_m): (usize, &Option<f64>)| off_m.unwrap_or_else(|| nearest(i)) as f32;
+        let values = known.par_iter().enumerate().map(value).collect();
+        let values = Raster::from_vec(width, height, values)?;
+        let corner = place(0) + DVec2::new(-0.5, 0.5) * NODE_M;
+        Dem::new(values, corner.x, corner.y, NODE_M, NODE_M).ok()
+    }
+}
+
+/// Area of a model, map frame, metres.
+fn extent_of(dem: &Dem) -> MapBox {
+    let ((west_m, north_m), (cell_x_m, cell_y_m)) = (dem.corner_m(), dem.cell_m());
+    let (width, height) = (dem.heights_m().width() as f64, dem.heights_m().height() as f64);
+    MapBox { west_m, south_m: north_m - height * cell_y_m, east_m: west_m + width * cell_x_m, north_m }
 }
 
 /// Correction of the terrain's level under a building.
@@ -300,13 +378,13 @@ mod tests {
         // Matching errs by a decimetre or two, in a pattern without a place.
         let noise = |i: usize| 0.2 * ((i * 7919 % 13) as f64 / 6.0 - 1.0);
         let off_m = places.enumerate().map(|(i, (x, y))| ([x, y], off_m(x, y) + noise(i))).collect();
-        GroundTold { off_m }.issue().map(|issue| (issue.code, issue.message))
+        GroundTold { off_m, sigma_m: 0.1 }.issue().map(|issue| (issue.code, issue.message))
     }
 
     #[test]
     fn of_a_place_that_two_parts_saw_the_closer_one_tells() {
         let core = |west_m: f64| MapBox { west_m, south_m: 0.0, east_m: west_m + 40.0, north_m: 40.0 };
-        let part = |off_m: f64| GroundTold { off_m: vec![([36.0, 12.0], off_m), ([48.0, 12.0], off_m)] };
+        let part = |off_m: f64| GroundTold { off_m: vec![([36.0, 12.0], off_m), ([48.0, 12.0], off_m)], sigma_m: 0.1 };
         let both = [(core(0.0), part(1.0)), (core(40.0), part(2.0))];
         let told = GroundTold::of_parts(both.clone()).off_m;
         assert_eq!(told, [([36.0, 12.0], 1.0), ([48.0, 12.0], 2.0)]);
@@ -334,6 +412,10 @@ mod tests {
         );
         let (code, message) = told_of(|x, _| (x - 90.0) / 10.0).unwrap();
         assert_eq!(code, "terrain_differs", "{message}");
-        assert_eq!(GroundTold { off_m: vec![([0.0, 0.0], 5.0); 5] }.issue(), None, "five places are too few");
+        assert_eq!(
+            GroundTold { off_m: vec![([0.0, 0.0], 5.0); 5], sigma_m: 0.1 }.issue(),
+            None,
+            "five places are too few"
+        );
     }
 }

@@ -10,13 +10,11 @@ use super::footprints;
 use super::kept::PriorStore;
 use super::parts::buildings_of;
 use super::stages::SceneStage;
-use super::{
-    Event, FootprintStage, GroundTold, HeightStage, PipelineError, Solver, Stage, Tell, artefact, ground_told,
-};
+use super::{Event, FootprintStage, HeightStage, PipelineError, Solver, Stage, Tell, artefact, ground_told};
 use crate::config::RunConfig;
 use sizeup_footprints::FootprintSource;
 use sizeup_geo::issue::Issue;
-use sizeup_geo::terrain::{MapBox, Terrain};
+use sizeup_geo::terrain::Terrain;
 use sizeup_heights::estimate::{
     Heights, LocalFrame, MethodSettings, NamedCamera, Photos, Priors as TaskPriors, Task, estimate_with,
 };
@@ -66,27 +64,24 @@ impl<'a> HeightSearch<'a> {
     }
 
     /// Finds the heights, and moves roofs with them where footprints were found in photos; returns the priors as well.
-    pub fn run(
-        &self,
-        footprints: &mut FootprintStage,
-        stage: &mut SceneStage,
-    ) -> Result<(HeightStage, PriorStore), PipelineError> {
+    pub fn run(&self, footprints: &mut FootprintStage) -> Result<(HeightStage, SceneStage, PriorStore), PipelineError> {
         require_matched_photos(self.config, self.survey)?;
-        let mut priors = self.open_priors(stage)?;
+        let mut stage = SceneStage::on_measured_ground(self.config, self.survey, footprints)?;
+        let mut priors = self.open_priors(&stage)?;
         let mut provisional = self.settings.clone();
         provisional.optimise.search.split_levels = false;
         provisional.optimise.search.measure_shift = false;
         provisional.refinement.enabled = Some(false);
         // Roofs move with their heights, and heights are measured under their roofs.
         for _ in 0..footprints::roof_rounds(self.config, footprints) {
-            let heights = self.estimate(footprints, stage, &priors, &provisional);
+            let heights = self.estimate(footprints, &stage, &priors, &provisional);
             require_priors(self.survey, &heights.solution)?;
             let has_moved = footprints::move_roofs(self.config, self.survey, footprints, &heights)?;
             let terrain = stage.terrain.clone();
-            *stage = SceneStage::new(self.config, self.survey, footprints)?;
+            stage = SceneStage::new(self.config, self.survey, footprints)?;
             // Computed priors depend on the terrain.
             if stage.terrain != terrain {
-                priors = self.open_priors(stage)?;
+                priors = self.open_priors(&stage)?;
             }
             if !has_moved {
                 break;
@@ -95,25 +90,21 @@ impl<'a> HeightSearch<'a> {
         if footprints.tracks.is_some() {
             artefact::write(self.config, Stage::Footprints, self.survey, &footprints)?;
         }
-        let heights = self.in_parts(footprints, stage, &priors, None)?;
+        let heights = self.in_parts(footprints, &mut stage, &priors);
         require_priors(self.survey, &heights.solution)?;
-        Ok((heights, priors))
+        Ok((heights, stage, priors))
     }
 
-    /// Finds the heights of a scene, splits its footprints into the parts found, and measures the ground around them, in a part of a city
-    /// around its core.
+    /// Finds the heights of a scene, and splits its footprints into the parts found.
     pub fn in_parts(
         &self,
         footprints: &mut FootprintStage,
         stage: &mut SceneStage,
         priors: &PriorStore,
-        core: Option<MapBox>,
-    ) -> Result<HeightStage, PipelineError> {
+    ) -> HeightStage {
         let mut heights = self.estimate(footprints, stage, priors, &self.settings);
-        stage.split(self.config, footprints, &mut heights)?;
-        heights.ground =
-            ground_told::look(self.config, &moved(self.survey, heights.moved_m()), footprints, stage, core);
-        Ok(heights)
+        stage.split(footprints, &mut heights);
+        heights
     }
 
     fn open_priors(&self, stage: &SceneStage) -> Result<PriorStore, PipelineError> {
@@ -156,7 +147,7 @@ impl<'a> HeightSearch<'a> {
             joined,
             solution,
             unread_photos,
-            ground: GroundTold::default(),
+            ground: footprints.told.clone(),
             layer_shift,
             doubt: run_priors.doubt(&self.config.prior),
         }
@@ -271,10 +262,11 @@ fn cameras(survey: &Survey) -> Vec<NamedCamera> {
 
 /// Every view of a survey at its working resolution.
 pub(super) fn view_inputs(config: &RunConfig, survey: &Survey, scene: &Scene) -> Vec<ViewInput> {
-    sizeup_heights::estimate::view_inputs(&cameras(survey), config.optimise.working_px, scene, DVec3::ZERO)
+    let optimise = for_priors(&config.prior, &config.optimise);
+    sizeup_heights::estimate::view_inputs(&cameras(survey), &optimise, scene, DVec3::ZERO)
 }
 
-/// Looks at some priors of oblique views before rays are traced for all of them: whether one can be used (without a single one there
+/// Looks at some priors before rays are traced for all of them: whether one can be used (without a single one there
 /// is nothing to solve, and the settings are wrong, not single photos), and whether they follow the ground. Computed priors are told
 /// of as they are computed; what they need is photos.
 fn require_a_prior(
@@ -285,14 +277,14 @@ fn require_a_prior(
     if !matches!(priors.source(), Priors::Files(_)) {
         return require_photos(survey);
     }
-    let mut oblique: Vec<usize> =
-        (0..survey.views.len()).filter(|&view| survey.views[view].kind() == ViewKind::Oblique).collect();
+    let kind = survey.kind_for_heights();
+    let mut measuring: Vec<usize> = (0..survey.views.len()).filter(|&view| survey.views[view].kind() == kind).collect();
     // Those of the sample first, spread evenly; the sort is stable.
-    let step = oblique.len().div_ceil(N_SAMPLED).max(1);
-    let sample: BTreeSet<usize> = oblique.iter().copied().step_by(step).collect();
-    oblique.sort_by_key(|view| !sample.contains(view));
+    let step = measuring.len().div_ceil(N_SAMPLED).max(1);
+    let sample: BTreeSet<usize> = measuring.iter().copied().step_by(step).collect();
+    measuring.sort_by_key(|view| !sample.contains(view));
     let (mut first, mut n_usable, mut correlations) = (None, 0, Vec::new());
-    for (i, &view) in oblique.iter().enumerate() {
+    for (i, &view) in measuring.iter().enumerate() {
         if i >= sample.len() && n_usable > 0 {
             break;
         }
@@ -312,7 +304,7 @@ fn require_a_prior(
     }
     match first {
         Some((view, reason)) if n_usable == 0 => {
-            Err(PipelineError::NoPriors { n: oblique.len(), view: survey.views[view].id.0.clone(), reason })
+            Err(PipelineError::NoPriors { n: measuring.len(), view: survey.views[view].id.0.clone(), reason })
         }
         _ => Ok(()),
     }

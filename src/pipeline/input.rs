@@ -41,16 +41,28 @@ pub(super) fn check_views(
             hint: "does the terrain cover the footprints, in the CRS it states?",
         });
     };
-    let oblique = || survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique);
-    if oblique().next().is_none() {
-        return Err(PipelineError::Mismatch {
-            message: format!("none of the {} views is oblique: all look straight down, or up", survey.views.len()),
-            hint: "heights are measured in photos tilted by more than 15°; check the angle convention of the poses",
-        });
-    }
+    check_kind(config, survey)?;
     check_overlap(config, survey, footprints)?;
     check_baseline(config, survey, &targets)?;
     clearance_m(survey, highest_ground)
+}
+
+/// Checks that there are oblique views, or nadir ones with depth in metres: what is only near and far shows no height from above.
+fn check_kind(config: &RunConfig, survey: &Survey) -> Result<(), PipelineError> {
+    let has_views = survey.views_for_heights().next().is_some();
+    if has_views && (survey.kind_for_heights() == ViewKind::Oblique || config.prior.is_in_metres()) {
+        return Ok(());
+    }
+    let has_photos = has_views && survey.views.iter().any(|view| view.image.is_some());
+    Err(PipelineError::Mismatch {
+        message: format!("none of the {} views is oblique: all look straight down, or up", survey.views.len()),
+        hint: if has_photos {
+            "set prior.source = \"stereo\": overlapping photos that look straight down show the heights of roofs. Other depth is measured in \
+             photos tilted by more than 15°; check the angle convention of the poses"
+        } else {
+            "heights are measured in photos tilted by more than 15°; check the angle convention of the poses"
+        },
+    })
 }
 
 /// Checks that the oblique photos of some building, on its ground, were taken from different places, where heights come from matching
@@ -59,17 +71,18 @@ pub(super) fn check_baseline(config: &RunConfig, survey: &Survey, targets: &[DVe
     if !config.prior.matches_photos() {
         return Ok(());
     }
-    let oblique = || survey.views.iter().filter(|view| view.kind() == ViewKind::Oblique);
     let sample = targets.iter().step_by(targets.len().div_ceil(N_LOOKED_AT).max(1));
-    let seen = sample.map(|target| Viewpoints::of(oblique(), *target)).filter(|seen| seen.n_views > 1);
+    let seen = sample.map(|target| Viewpoints::of(survey.views_for_heights(), *target)).filter(|seen| seen.n_views > 1);
     let seen: Vec<Viewpoints> = seen.collect();
     if seen.is_empty() || !seen.iter().all(|seen| seen.lack_baseline()) {
         return Ok(());
     }
     Err(PipelineError::Mismatch {
-        message: "there is no baseline: all oblique photos that show a building were taken from one place, and photos from one place \
-                  show no heights"
-            .to_owned(),
+        message: format!(
+            "there is no baseline: all {} photos that show a building were taken from one place, and photos from one place show no \
+             heights",
+            if survey.kind_for_heights() == ViewKind::Oblique { "oblique" } else { "nadir" }
+        ),
         hint: "take the photos from different places: fly around or past the buildings instead of turning the camera on the spot",
     })
 }
@@ -121,11 +134,10 @@ fn is_in_a_photo(survey: &Survey, place: DVec3) -> bool {
     survey.views.iter().any(|view| view.pixel_of(place).is_some())
 }
 
-/// The lowest oblique view's height above the highest ground, metres.
+/// The height of the lowest view that measures heights above the highest ground, metres.
 pub(super) fn clearance_m(survey: &Survey, highest_ground: f64) -> Result<f64, PipelineError> {
     let clearance = |view: &sizeup_survey::View| view.camera_from_map.centre().z - highest_ground;
-    let oblique = survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique);
-    let lowest = oblique.map(clearance).fold(f64::INFINITY, f64::min);
+    let lowest = survey.views_for_heights().map(clearance).fold(f64::INFINITY, f64::min);
     if lowest <= 0.0 {
         return Err(PipelineError::Mismatch {
             message: format!("the lowest oblique view is {:.0} m below the ground of the buildings", -lowest),

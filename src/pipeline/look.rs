@@ -28,7 +28,7 @@ const PICTURE_PX: u32 = 640;
 pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) -> Result<(), PipelineError> {
     let survey: Survey = artefact::read_survey(config)?;
     let mut footprints: FootprintStage = artefact::read(config, Stage::Footprints, &survey)?;
-    let mut heights: HeightStage = artefact::read(config, Stage::Heights, &survey)?;
+    let heights: HeightStage = artefact::read(config, Stage::Heights, &survey)?;
     let wrong = |message: String, hint| PipelineError::Settings { table: "look", message, hint };
     let found =
         survey.views.iter().find(|v| v.id.0 == view).or_else(|| survey.views.iter().find(|v| v.id.0.contains(view)));
@@ -48,8 +48,7 @@ pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) ->
             )
         })?;
     heights.check_positions(config, &survey, &footprints)?;
-    let mut stage = SceneStage::new(config, &survey, &footprints)?;
-    stage.split(config, &mut footprints, &mut heights)?;
+    let (heights, stage) = SceneStage::of_heights(config, &survey, &mut footprints, heights)?;
     if heights_m.len() != stage.solved.len() {
         let message =
             format!("pass {pass} has {} heights, the scene {} buildings", heights_m.len(), stage.solved.len());

@@ -13,7 +13,7 @@ use super::{FootprintStage, PipelineError, RunOptions, Stage, Tell, artefact, ru
 use crate::config::RunConfig;
 use sizeup_heights::optimise::{Problem, Rays, first_selection};
 use sizeup_photos::prior::Priors;
-use sizeup_survey::{Survey, View, ViewKind};
+use sizeup_survey::{Survey, View};
 
 /// Which views' priors are computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,8 +54,9 @@ pub fn compute_priors(
     let options = RunOptions { from: Stage::Survey, until: Stage::Footprints, command: String::new() };
     run(config, &options, tell)?;
     let survey: Survey = artefact::read_survey(config)?;
-    let footprints: FootprintStage = artefact::read(config, Stage::Footprints, &survey)?;
-    let stage = SceneStage::new(config, &survey, &footprints)?;
+    let mut footprints: FootprintStage = artefact::read(config, Stage::Footprints, &survey)?;
+    // As a run computes them: over the terrain as the photos correct it.
+    let stage = SceneStage::on_measured_ground(config, &survey, &mut footprints)?;
     require_matched_photos(config, &survey)?;
     let priors = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
     if !priors.has_cache() {
@@ -67,7 +68,7 @@ pub fn compute_priors(
     }
     let mut views = match wanted {
         Wanted::Selected => selected(config, &survey, &stage),
-        Wanted::AllOblique => survey.views.iter().filter(|view| view.kind() == ViewKind::Oblique).collect(),
+        Wanted::AllOblique => survey.views_for_heights().collect(),
     };
     let n = views.len();
     views.rotate_left(start % n.max(1));

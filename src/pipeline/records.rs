@@ -2,15 +2,14 @@
 
 use glam::DVec2;
 
-use super::dtm::terrain_in_force;
-use super::ground_told::{GroundCorrection, GroundTold};
+use super::ground_told::GroundCorrection;
 use super::{FootprintStage, HeightStage};
 use crate::config::{FootprintPlace, RunConfig};
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::optimise::{FootprintShift, LayerShift, Reason, Roof, SolvedHeight, Terrace};
 use sizeup_heights::scene::HeightBounds;
 use sizeup_results::output::reviews::Reviews;
-use sizeup_results::output::{BuildingRecord, HeightReference, RoofForm, RoofShape, Status};
+use sizeup_results::output::{BuildingRecord, HeightReference, RoofShape, Status};
 use sizeup_results::output::{fallback, party_walls};
 use sizeup_survey::Survey;
 
@@ -21,14 +20,18 @@ pub(super) fn records(
     (config, bounds): (&RunConfig, HeightBounds),
     survey: &Survey,
     footprints: &FootprintStage,
-    (heights, ground): (&HeightStage, &GroundTold),
+    heights: &HeightStage,
     reviews: &Reviews,
 ) -> Vec<BuildingRecord> {
     let mut records = found(survey, footprints, heights, config.optimise.height_reference);
-    for (record, correction) in records.iter_mut().zip(ground.corrections(footprints, &terrain_in_force(config))) {
+    for (record, correction) in records.iter_mut().zip(heights.ground.corrections(config, footprints)) {
         if let Some(correction) = correction {
-            set_on_ground(record, correction, bounds);
+            add_ground_sigma(record, correction);
         }
+    }
+    if heights.level_off().is_some() {
+        let found = records.iter_mut().filter(|record| record.height_m.is_some());
+        found.for_each(|record| doubt(record, Reason::GroundDiffers));
     }
     if config.output.footprints == FootprintPlace::InPhotos {
         records.iter_mut().for_each(move_to_photos);
@@ -101,46 +104,16 @@ fn found(
     with_footprint.chain(without).collect()
 }
 
-/// Corrects the ground of a building: its roof stays where it is, unless its height leaves the bounds.
-fn set_on_ground(record: &mut BuildingRecord, correction: GroundCorrection, bounds: HeightBounds) {
-    let GroundCorrection { off_m, sigma_m } = correction;
-    let raise = |z_m: &mut f64| *z_m += off_m;
-    let lower = |height_m: &mut f64| *height_m -= off_m;
-    record.ground_z_m.iter_mut().for_each(raise);
-    record.base_z_m.iter_mut().for_each(raise);
-    record.ground_sigma_m = record.ground_z_m.map(|_| sigma_m);
-    let Some(before_m) = record.height_m else { return };
-    // Over a terrain that is too high the search began above low roofs.
-    if off_m < 0.0 && before_m < f64::from(bounds.min_m) - off_m {
-        doubt(record, Reason::RangeBound);
+/// Adds what the ground's uncertainty does to the height over it.
+fn add_ground_sigma(record: &mut BuildingRecord, correction: GroundCorrection) {
+    record.ground_sigma_m = record.ground_z_m.map(|_| correction.sigma_m);
+    if record.height_m.is_none() {
+        return;
     }
-    record.height_m.iter_mut().for_each(lower);
-    record.height_sigma_m.iter_mut().for_each(|of_roof_m| *of_roof_m = of_roof_m.hypot(sigma_m));
-    if let Some(roof) = &mut record.roof {
-        lower(&mut roof.eave_height_m);
-        lower(&mut roof.ridge_height_m);
-        if let Some(gable) = roof.step.as_mut().and_then(|step| step.gable.as_mut()) {
-            lower(&mut gable.eave_m);
-        }
-    }
+    record.height_sigma_m.iter_mut().for_each(|of_roof_m| *of_roof_m = of_roof_m.hypot(correction.sigma_m));
     if correction.is_unsure() {
         doubt(record, Reason::GroundDiffers);
     }
-    keep_within(record, bounds);
-}
-
-/// Takes a height or a roof outside the bounds back to them, as a flat roof, with the reason.
-fn keep_within(record: &mut BuildingRecord, bounds: HeightBounds) {
-    let Some(height_m) = record.height_m else { return };
-    let is_within =
-        record.roof.is_none_or(|roof| roof.eave_height_m > 0.0 && roof.ridge_height_m <= f64::from(bounds.max_m));
-    if bounds.hold(height_m) && is_within {
-        return;
-    }
-    let nearest_m = bounds.nearest(height_m);
-    record.height_m = Some(nearest_m);
-    record.roof = record.roof.map(|_| RoofShape::new(RoofForm::Flat, nearest_m, nearest_m));
-    doubt(record, Reason::RangeBound);
 }
 
 /// Adds a reason to look at a height again.
@@ -210,51 +183,33 @@ mod tests {
 
     use super::*;
 
-    const BOUNDS: HeightBounds = HeightBounds { min_m: 2.0, max_m: 30.0 };
-
-    /// A gabled house of 8 m at its eave and 10 m on average, on a ground of 100 m.
-    fn house() -> BuildingRecord {
+    fn on_ground(sigma_m: f64) -> BuildingRecord {
         let footprint = Rect::new(coord! { x: 0.0, y: 0.0 }, coord! { x: 9.0, y: 9.0 }).to_polygon();
-        BuildingRecord {
+        let mut record = BuildingRecord {
             height_sigma_m: Some(0.3),
             roof_sigma_m: Some(0.3),
-            roof: Some(RoofShape::new(RoofForm::Gable, 8.0, 12.0)),
             ..BuildingRecord::measured("a", footprint, 100.0, 10.0)
-        }
-    }
-
-    fn on_ground(off_m: f64, sigma_m: f64) -> BuildingRecord {
-        let mut record = house();
-        set_on_ground(&mut record, GroundCorrection { off_m, sigma_m }, BOUNDS);
+        };
+        add_ground_sigma(&mut record, GroundCorrection { off_m: 1.5, sigma_m });
         record
     }
 
     #[test]
-    fn a_corrected_ground_changes_the_height_and_leaves_the_roof_where_it_is() {
-        let record = on_ground(1.5, 0.4);
-        assert_eq!((record.ground_z_m, record.base_z_m, record.height_m), (Some(101.5), Some(101.5), Some(8.5)));
-        assert_eq!(record.roof_z_m(), house().roof_z_m());
-        let roof = record.roof.unwrap();
-        assert_eq!((roof.eave_height_m, roof.ridge_height_m), (6.5, 10.5));
+    fn the_sigmas_of_roof_and_ground_make_the_height_s() {
+        let record = on_ground(0.4);
+        assert_eq!(
+            (record.ground_z_m, record.height_m),
+            (Some(100.0), Some(10.0)),
+            "corrected before heights were found"
+        );
         assert_eq!((record.roof_sigma_m, record.ground_sigma_m), (Some(0.3), Some(0.4)));
         assert!((record.height_sigma_m.unwrap() - 0.5).abs() < 1e-12, "both sigmas count");
         assert_eq!((record.status, record.reasons.len()), (Status::Measured, 0));
     }
 
     #[test]
-    fn a_low_roof_over_a_terrain_that_was_too_high_is_doubtful() {
-        let mut record = BuildingRecord { height_m: Some(3.0), roof: None, ..house() };
-        set_on_ground(&mut record, GroundCorrection { off_m: -2.0, sigma_m: 0.2 }, BOUNDS);
-        assert_eq!((record.height_m, record.status), (Some(5.0), Status::Doubtful));
-    }
-
-    #[test]
-    fn an_uncertain_ground_and_a_height_that_leaves_the_bounds_are_doubtful() {
-        let unsure = on_ground(0.0, 1.2);
-        assert_eq!((unsure.status, &unsure.reasons[..]), (Status::Doubtful, &["ground_differs".to_owned()][..]));
-        let low = on_ground(9.0, 0.2);
-        assert_eq!((low.status, &low.reasons[..]), (Status::Doubtful, &["range_bound".to_owned()][..]));
-        let roof = low.roof.unwrap();
-        assert_eq!((low.height_m, roof.form, roof.eave_height_m), (Some(2.0), RoofForm::Flat, 2.0));
+    fn a_height_over_an_uncertain_ground_is_doubtful() {
+        let record = on_ground(1.2);
+        assert_eq!((record.status, &record.reasons[..]), (Status::Doubtful, &["ground_differs".to_owned()][..]));
     }
 }

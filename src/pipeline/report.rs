@@ -12,7 +12,7 @@ use sizeup_heights::ids::BuildingId;
 use sizeup_heights::optimise::{EpochRecord, LevelGain};
 use sizeup_results::output::{CityModel, picture};
 use sizeup_results::report::{self, Backdrop, LevelFit, Report, SolverPass, ViewUse};
-use sizeup_survey::{Survey, SurveyReport, View, ViewKind};
+use sizeup_survey::{Survey, SurveyReport, View};
 
 /// Longer side of the picture under the map, pixels, at most: nadir photos laid on the ground. It takes some 500 kB.
 const BACKDROP_PX: u32 = 1400;
@@ -78,9 +78,10 @@ pub fn write_city_report(
     coarse.terrain.min_cell_m = coarse.terrain.min_cell_m.max(CITY_CELL_M);
     let terrain = load_terrain(&coarse, model.records.iter().filter_map(|r| r.footprint.as_ref()), 0.0)?.terrain;
     let asked: BTreeSet<&str> = model.records.iter().flat_map(|r| &r.views).map(String::as_str).collect();
+    let kind = model.survey.kind_for_heights();
     let used = |view: &View| match view.kind() {
         _ if asked.contains(view.id.0.as_str()) => ViewUse::Measured,
-        ViewKind::Oblique => ViewUse::NotNeeded,
+        of_view if of_view == kind => ViewUse::NotNeeded,
         _ => ViewUse::NotOblique,
     };
     let backdrop = lay_photos(model, &terrain, backdrop::CITY);
@@ -133,10 +134,11 @@ fn pass(pass: &EpochRecord) -> SolverPass {
 fn uses(survey: &Survey, heights: &HeightStage) -> Vec<ViewUse> {
     let failed: BTreeMap<usize, &String> = heights.solution.failed_views.iter().map(|(v, why)| (*v, why)).collect();
     let used = |i: &usize| heights.solution.used_views.binary_search(i).is_ok();
+    let kind = survey.kind_for_heights();
     let of = |(i, view): (usize, &sizeup_survey::View)| match failed.get(&i) {
         Some(why) => ViewUse::Failed((*why).clone()),
         None if used(&i) => ViewUse::Measured,
-        None if view.kind() == ViewKind::Oblique => ViewUse::NotNeeded,
+        None if view.kind() == kind => ViewUse::NotNeeded,
         None => ViewUse::NotOblique,
     };
     survey.views.iter().enumerate().map(of).collect()

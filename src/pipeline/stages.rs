@@ -26,7 +26,7 @@ use sizeup_geo::terrain::{self, GroundLevel, LoadedTerrain, MapBox, Terrain};
 use sizeup_geo::unfinished::Unfinished;
 use sizeup_heights::estimate::move_footprints;
 use sizeup_heights::frames::LocalOrigin;
-use sizeup_heights::optimise::{DisagreeingView, PriorShape, Solution};
+use sizeup_heights::optimise::{DisagreeingView, LevelOff, PriorShape, Solution};
 use sizeup_heights::scene::Scene;
 use sizeup_photos::prior::Priors;
 use sizeup_results::output::plausible::CityDoubts;
@@ -127,19 +127,18 @@ fn run_marked(
     }
 
     let start = Instant::now();
-    let mut stage = SceneStage::new(config, &survey, &footprints)?;
-    let (heights, priors) = if runs(Stage::Heights) {
+    let (heights, stage, priors) = if runs(Stage::Heights) {
         tell(Event::Stage(Stage::Heights));
         let search = HeightSearch::new(config, &survey, tell, solver);
-        let (heights, priors) = search.run(&mut footprints, &mut stage)?;
+        let (heights, stage, priors) = search.run(&mut footprints)?;
         artefact::write(config, Stage::Heights, &survey, &heights)?;
         timed(Stage::Heights, start);
-        (heights, Some(priors))
+        (heights, stage, Some(priors))
     } else {
-        let mut heights: HeightStage = artefact::read(config, Stage::Heights, &survey)?;
+        let heights: HeightStage = artefact::read(config, Stage::Heights, &survey)?;
         heights.check_positions(config, &survey, &footprints)?;
-        stage.split(config, &mut footprints, &mut heights)?;
-        (heights, None)
+        let (heights, stage) = SceneStage::of_heights(config, &survey, &mut footprints, heights)?;
+        (heights, stage, None)
     };
     summary.n_used_views = heights.solution.used_views.len();
     summary.n_refined = Some(heights.solution.heights.iter().filter(|solved| solved.raised_m.is_some()).count());
@@ -149,7 +148,7 @@ fn run_marked(
 
     let start = Instant::now();
     tell(Event::Stage(Stage::Output));
-    let records = records((config, stage.scene.bounds), &survey, &footprints, (&heights, &heights.ground), reviews);
+    let records = records((config, stage.scene.bounds), &survey, &footprints, &heights, reviews);
     let mut issues = all_issues(config, &survey, &footprints, &heights);
     issues.extend(reviews.unmatched(records.as_slice())?);
     issues.extend(cityjson::check(&records)?);
@@ -224,7 +223,7 @@ fn summary_of_survey(config: &RunConfig, survey: &Survey) -> RunSummary {
 }
 
 /// Box around footprints, map frame, metres.
-fn extent<'a>(polygons: impl Iterator<Item = &'a Polygon<f64>>) -> Option<MapBox> {
+pub(super) fn extent<'a>(polygons: impl Iterator<Item = &'a Polygon<f64>>) -> Option<MapBox> {
     let corners = polygons.filter_map(geo::BoundingRect::bounding_rect).flat_map(|rect| [rect.min(), rect.max()]);
     MapBox::around(corners.map(|c| (c.x, c.y)))
 }
@@ -260,6 +259,19 @@ pub(super) fn terrain_around(
     Ok(loaded.terrain)
 }
 
+/// The same as the photos correct it.
+fn corrected_terrain_around(
+    config: &RunConfig,
+    frame: &Frame,
+    footprints: &FootprintStage,
+) -> Result<Terrain, PipelineError> {
+    let terrain = terrain_around(config, frame, footprints)?;
+    let on_ground = on_known_ground(footprints);
+    let area = extent(on_ground.iter().map(|(polygon, _)| *polygon));
+    let area = area.map(|area| area.grown(frame.bounds.ground_margin_m()));
+    Ok(area.and_then(|area| footprints.told.corrected(config, &terrain, area)).unwrap_or(terrain))
+}
+
 /// Everything that rays meet, and what they are compared with.
 pub(super) struct SceneStage {
     /// The buildings whose ground is known.
@@ -281,28 +293,51 @@ impl SceneStage {
         Self::in_frame(config, &Frame { origin, bounds, ground_spacing_m }, footprints)
     }
 
+    /// The same over the terrain as the photos correct it, which they are looked at for.
+    pub fn on_measured_ground(
+        config: &RunConfig,
+        survey: &Survey,
+        footprints: &mut FootprintStage,
+    ) -> Result<Self, PipelineError> {
+        let given = Self::new(config, survey, footprints)?;
+        let told = ground_told::look(config, survey, footprints, &given, None);
+        footprints::correct_ground(config, footprints, told)?;
+        Self::new(config, survey, footprints)
+    }
+
     /// The same in a frame that is given.
     pub fn in_frame(config: &RunConfig, frame: &Frame, footprints: &FootprintStage) -> Result<Self, PipelineError> {
+        let terrain = corrected_terrain_around(config, frame, footprints)?;
+        Ok(Self::over(terrain, frame, footprints))
+    }
+
+    fn over(terrain: Terrain, frame: &Frame, footprints: &FootprintStage) -> Self {
         let solved: Vec<usize> = (0..footprints.ground.len()).filter(|&i| footprints.ground[i].is_some()).collect();
-        let terrain = terrain_around(config, frame, footprints)?;
         let margin_m = frame.bounds.ground_margin_m();
         let scene = Scene::at(frame.origin, &on_known_ground(footprints), &terrain, frame.bounds, margin_m);
-        Ok(Self { scene, solved, terrain, ground_spacing_m: frame.ground_spacing_m })
+        Self { scene, solved, terrain, ground_spacing_m: frame.ground_spacing_m }
+    }
+
+    /// The scene of heights that were found, on the ground that they were found over.
+    pub fn of_heights(
+        config: &RunConfig,
+        survey: &Survey,
+        footprints: &mut FootprintStage,
+        mut heights: HeightStage,
+    ) -> Result<(HeightStage, Self), PipelineError> {
+        footprints::correct_ground(config, footprints, heights.ground.clone())?;
+        let mut stage = Self::new(config, survey, footprints)?;
+        stage.split(footprints, &mut heights);
+        Ok((heights, stage))
     }
 
     /// Splits the footprints into the parts that heights were found for, and moves those that the photos show elsewhere.
-    pub fn split(
-        &mut self,
-        config: &RunConfig,
-        footprints: &mut FootprintStage,
-        heights: &mut HeightStage,
-    ) -> Result<(), PipelineError> {
+    pub fn split(&mut self, footprints: &mut FootprintStage, heights: &mut HeightStage) {
         heights.solved = split_footprints(footprints, heights);
         if !heights.splits.is_empty() {
-            *self = Self::in_frame(config, &self.frame(), footprints)?;
+            *self = Self::over(self.terrain.clone(), &self.frame(), footprints);
         }
         move_footprints(&mut self.scene, &heights.solution);
-        Ok(())
     }
 
     /// Frame of the scene.
@@ -331,6 +366,7 @@ pub(super) fn view_issues<'a>(survey: &'a Survey, heights: &'a HeightStage) -> i
         .chain(bent_priors(&heights.solution))
         .chain(heights.layer_shift.map(|shift| shifted_layer(&shift)))
         .chain(heights.ground.issue())
+        .chain(heights.level_off().map(|off| level_off(&off)))
 }
 
 /// A warning that a photo's prior does not show what stands there by all others.
@@ -343,6 +379,19 @@ fn disagreeing_prior(survey: &Survey, found: &DisagreeingView) -> Issue {
     let hint = "is it the prior of this photo, in its orientation? Is the photo's pose right?";
     let subject = Subject::View(survey.views[found.view].id.0.clone());
     Issue::new(Severity::Warning, "prior_disagrees", subject, message).hint(hint)
+}
+
+/// A warning that depth shows the ground elsewhere than the terrain says.
+fn level_off(&LevelOff { up_m, sigma_m, n_buildings }: &LevelOff) -> Issue {
+    let (code, than) = if up_m < 0.0 { ("terrain_too_high", "lower") } else { ("terrain_too_low", "higher") };
+    let message = format!(
+        "the ground lies {:.1} ± {sigma_m:.1} m {than} than the terrain says, by the depth beside {n_buildings} buildings; heights are off by as \
+         much and were not corrected",
+        up_m.abs()
+    );
+    let hint = "check whether the terrain and the poses have one vertical datum (`terrain.vertical_offset_m`); with the photos in \
+                `survey.images` the ground is measured, and heights are corrected";
+    Issue::new(Severity::Warning, code, Subject::Input("terrain".to_owned()), message).hint(hint)
 }
 
 /// A note on priors that were straightened along the ground.

@@ -10,13 +10,15 @@ use std::path::PathBuf;
 use geo::BoundingRect as _;
 use serde::{Deserialize, Serialize};
 
-use super::footprints::on_ground;
+use super::footprints::{correct_ground, on_ground};
 use super::heights::HeightSearch;
 use super::kept::PriorStore;
 use super::records::records;
 use super::settings::part_settings;
 use super::stages::{SceneStage, lineage_of, load_terrain, reviews_of, terrain_around, view_issues};
-use super::{FootprintStage, Frame, GroundTold, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact};
+use super::{
+    FootprintStage, Frame, GroundTold, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact, ground_told,
+};
 use crate::config::RunConfig;
 use sizeup_footprints::{self, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint};
 use sizeup_geo::hashes::Content;
@@ -37,6 +39,8 @@ pub struct CityPart<'a> {
     /// Absent where there is no building on known ground.
     scene: Option<SceneStage>,
     priors: PriorStore,
+    /// Positions of its views in the whole survey.
+    positions: HashMap<ViewId, usize>,
     /// Footprints of the layer by their ids, and by those of their duplicates.
     by_id: HashMap<String, usize>,
     /// Decisions of people about its buildings.
@@ -200,8 +204,19 @@ pub fn refused_records(config: &RunConfig, refused: Vec<RefusedFootprint>) -> Ve
     let heights = HeightStage::empty();
     // Without a ground none of them takes a height.
     let bounds = config.heights.bounds(0.0);
-    let heights = (&heights, &GroundTold::default());
-    records((config, bounds), &Survey::default(), &footprints, heights, &Reviews::default())
+    records((config, bounds), &Survey::default(), &footprints, &heights, &Reviews::default())
+}
+
+/// Priors of a part's views over a terrain.
+fn priors_over(
+    terrain: &Terrain,
+    (config, frame): (&RunConfig, &Frame),
+    survey: &Survey,
+    positions: &HashMap<ViewId, usize>,
+) -> Result<PriorStore, PipelineError> {
+    let mut priors = config.prior.open(&survey.views, terrain, frame.bounds.max_m)?;
+    priors.set_positions(positions.clone());
+    Ok(PriorStore::forgetful(config, priors, survey))
 }
 
 impl<'a> CityPart<'a> {
@@ -220,9 +235,7 @@ impl<'a> CityPart<'a> {
         let has_ground = footprints.ground.iter().any(Option::is_some);
         let scene = has_ground.then(|| SceneStage::in_frame(config, &frame, &footprints)).transpose()?;
         let terrain = scene.as_ref().map_or(&Terrain::Constant(0.0), |scene| &scene.terrain);
-        let mut priors = config.prior.open(&survey.views, terrain, frame.bounds.max_m)?;
-        priors.set_positions(positions);
-        let priors = PriorStore::forgetful(config, priors, &survey);
+        let priors = priors_over(terrain, (config, &frame), &survey, &positions)?;
         let ids = footprints.layer.footprints.iter().map(|f| f.id.0.clone());
         let mut by_id: HashMap<String, usize> = ids.zip(0..).collect();
         // A building that the layer has twice belongs where the one is that is measured.
@@ -231,7 +244,7 @@ impl<'a> CityPart<'a> {
             by_id.extend(first.map(|at| (refused.id.0.clone(), at)));
         }
         let reviews = about(&footprints, &reviews_of(config)?);
-        Ok(Self { config, frame, survey, footprints, scene, priors, by_id, reviews })
+        Ok(Self { config, frame, survey, footprints, scene, priors, positions, by_id, reviews })
     }
 
     /// The frame it lies in.
@@ -273,16 +286,20 @@ impl<'a> CityPart<'a> {
     ///
     /// # Errors
     /// [`PipelineError`] where the terrain cannot be read again after footprints were split.
-    pub fn solve(&mut self, core: &MapBox, tell: Tell<'_>) -> Result<PartHeights, PipelineError> {
+    pub fn solve(&self, core: &MapBox, tell: Tell<'_>) -> Result<PartHeights, PipelineError> {
         // What is measured of a layer as a whole is not measured tile by tile: neighbours would come apart.
         let search = HeightSearch::within_a_city(self.config, &self.survey, tell, &solve);
         let mut footprints = self.footprints.clone();
-        let mut ground = GroundTold::default();
-        let heights = match &mut self.scene {
-            Some(scene) => {
-                let mut heights = search.in_parts(&mut footprints, scene, &self.priors, Some(*core))?;
-                ground = std::mem::take(&mut heights.ground);
-                heights
+        let heights = match &self.scene {
+            Some(given) => {
+                let told = ground_told::look(self.config, &self.survey, &footprints, given, Some(*core));
+                correct_ground(self.config, &mut footprints, told)?;
+                let mut scene = SceneStage::in_frame(self.config, &self.frame, &footprints)?;
+                // Computed priors depend on the terrain.
+                let priors = (scene.terrain != given.terrain)
+                    .then(|| priors_over(&scene.terrain, (self.config, &self.frame), &self.survey, &self.positions))
+                    .transpose()?;
+                search.in_parts(&mut footprints, &mut scene, priors.as_ref().unwrap_or(&self.priors))
             }
             None => HeightStage::empty(),
         };
@@ -290,16 +307,10 @@ impl<'a> CityPart<'a> {
         issues.extend(footprints.issues.iter().cloned());
         issues.extend(view_issues(&self.survey, &heights));
         Ok(PartHeights {
-            records: records(
-                (self.config, self.frame.bounds),
-                &self.survey,
-                &footprints,
-                (&heights, &ground),
-                &self.reviews,
-            ),
+            records: records((self.config, self.frame.bounds), &self.survey, &footprints, &heights, &self.reviews),
             issues,
             used_views: heights.solution.used_views.iter().map(|&v| self.survey.views[v].id.clone()).collect(),
-            ground: ground.around(core),
+            ground: heights.ground.around(core),
         })
     }
 

@@ -143,7 +143,7 @@ fn run_anew(
     tell: Tell<'_>,
 ) -> Result<Done, TilesError> {
     let (start, layout, manifest) = (Instant::now(), check.layout, check.manifest);
-    let mut part = part_of(check, tile, views.clone())?;
+    let part = part_of(check, tile, views.clone())?;
     // From here on its files are being replaced: the old word no longer holds.
     let path = layout.done(&tile.id);
     remove_if_there(&path)?;

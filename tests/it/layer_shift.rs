@@ -58,3 +58,34 @@ fn a_layer_that_is_off_by_metres_is_told_and_costs_no_height() {
     assert_eq!(told, None);
     assert!(moved_m < in_place_m + 0.15, "{moved_m:.2} m against {in_place_m:.2} m in place");
 }
+
+/// Without photos nothing shows the ground but the depth beside buildings.
+#[test]
+fn a_terrain_that_is_3_m_off_is_reported_by_depth_alone_and_no_height_is_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    town(folder.path(), [0.0, 0.0]);
+    let found = |offset_m: f64| {
+        let offset = format!("terrain.vertical_offset_m={offset_m}");
+        run(folder.path(), &["--set", &offset]);
+        let read = |name: &str| -> Value {
+            serde_json::from_slice(&std::fs::read(folder.path().join("result").join(name)).unwrap()).unwrap()
+        };
+        let issues = read("issues.json");
+        let is_of_terrain = |issue: &&Value| issue["code"].as_str().unwrap().starts_with("terrain_");
+        let told = issues.as_array().unwrap().iter().find(is_of_terrain);
+        let told = told.map(|issue| [&issue["code"], &issue["message"]].map(|text| text.as_str().unwrap().to_owned()));
+        let by_status = read("summary.json")["by_status"].clone();
+        (told, by_status["measured"].as_u64().unwrap_or(0))
+    };
+    let (told, n_measured) = found(0.0);
+    assert_eq!(told, None, "the terrain of the scene fits");
+    assert!(n_measured >= 18, "{n_measured}");
+    for (offset_m, code, than) in [(3.0, "terrain_too_high", "m lower"), (-3.0, "terrain_too_low", "m higher")] {
+        let (told, n_measured) = found(offset_m);
+        let [told_code, message] = told.expect("it is 3 m off");
+        assert!(told_code == code && message.contains(than), "{told_code}: {message}");
+        let figure: f64 = message.split(' ').find_map(|word| word.parse().ok()).unwrap();
+        assert!((figure - 3.0).abs() < 0.8, "{message}");
+        assert_eq!(n_measured, 0, "{message}");
+    }
+}

@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 use sizeup::crs::Crs;
 use sizeup::evaluate::read::{TruthOptions, read_results, read_truth};
 use sizeup::evaluate::{BuildingError, HeightEvaluation, HeightOptions, evaluate_heights};
-use sizeup::output::Status;
+use sizeup::output::BuildingRecord;
 use sizeup::output::read::{FoundBuildings, ReadOptions};
 use sizeup::simulate::{SimulateConfig, TownKind, simulate};
 use tempfile::TempDir;
@@ -23,9 +23,10 @@ static TOWN: LazyLock<TempDir> = LazyLock::new(|| town(|_| ()));
 /// Its result by priors and photos, and by priors alone; tests read them.
 static BY_PHOTOS: LazyLock<PathBuf> = LazyLock::new(|| run(TOWN.path(), "photos", &[]));
 static BY_PRIORS: LazyLock<PathBuf> = LazyLock::new(|| run(TOWN.path(), "priors", &[BLIND]));
-/// The same over a terrain model whose heights count from elsewhere.
+/// The same over a terrain model whose heights count from elsewhere: 3 m too high, and 3 m too low.
 static OVER_OFFSET: LazyLock<PathBuf> =
-    LazyLock::new(|| run(TOWN.path(), "offset", &["terrain.vertical_offset_m=2.5"]));
+    LazyLock::new(|| run(TOWN.path(), "offset", &["terrain.vertical_offset_m=3.0"]));
+static OVER_LOW: LazyLock<PathBuf> = LazyLock::new(|| run(TOWN.path(), "low", &["terrain.vertical_offset_m=-3.0"]));
 /// Refinement by photos takes most of a run's time.
 const BLIND: &str = "refinement.enabled=false";
 
@@ -190,6 +191,10 @@ fn a_run_without_a_terrain_model_makes_one_from_its_photos() {
     assert!(config.contains("dtm = \"dtm.tif\""), "the scene comes with its model");
     // A level that is some metres off at most places, and a model whose heights count from elsewhere.
     let level = run(scene, "level", &["terrain={constant_m=22.0}", "dtm={margin_m=60.0}"]);
+    assert!(
+        ground_sigmas_m(&level).iter().all(|sigma_m| (0.1..2.0).contains(sigma_m))
+            && ground_sigmas_m(&level).len() >= 11
+    );
     let shifted = run(scene, "shifted", &["terrain.vertical_offset_m=2.5", "dtm={margin_m=60.0}", BLIND]);
     assert!(level.join("stages/dtm.tif").is_file() && level.join("pictures/dtm.png").is_file());
     let (level, shifted) = (mean_error_m(scene, &level), mean_error_m(scene, &shifted));
@@ -210,12 +215,16 @@ fn a_wrong_terrain_is_corrected_by_the_photos_and_the_ground_has_a_sigma() {
         let error_m = mean_error_m(scene, result);
         println!("{name}: {error_m:.2} m, {with_model:.2} m with the model");
         assert!(error_m < with_model + 0.3, "{name}: {error_m} m, {with_model} m with the model");
-        let found = FoundBuildings::read(&result.join("city.gpkg"), &ReadOptions::default()).unwrap();
-        let sigmas_m: Vec<f64> =
-            found.buildings.iter().filter_map(|building| building.attributes.get("ground_sigma_m")?.as_f64()).collect();
-        assert!(sigmas_m.len() * 10 >= found.buildings.len() * 9, "{name}: {} grounds have a sigma", sigmas_m.len());
+        let sigmas_m = ground_sigmas_m(result);
+        assert!(sigmas_m.len() >= 11, "{name}: {} grounds have a sigma", sigmas_m.len());
         assert!(sigmas_m.iter().all(|sigma_m| (0.1..2.0).contains(sigma_m)), "{name}: {sigmas_m:?}");
     }
+}
+
+/// Standard deviations of the ground of a result's buildings, metres.
+fn ground_sigmas_m(result: &Path) -> Vec<f64> {
+    let found = FoundBuildings::read(&result.join("city.gpkg"), &ReadOptions::default()).unwrap();
+    found.buildings.iter().filter_map(|building| building.attributes.get("ground_sigma_m")?.as_f64()).collect()
 }
 
 /// What was reported of a result's terrain.
@@ -240,20 +249,30 @@ fn a_wrong_terrain_is_reported_and_a_right_one_is_left_alone() {
     let wrong = told_of_terrain(&OVER_OFFSET);
     assert_eq!(wrong.len(), 1);
     assert!(wrong[0]["message"].as_str().unwrap().contains("m lower than the terrain says"), "{wrong:?}");
-    let heights_m = |result: &Path| -> BTreeMap<String, (f64, bool)> {
+}
+
+/// The scene is solved on the corrected ground: corrected afterwards, low houses over a terrain that is 3 m too high ended at the least
+/// height.
+#[test]
+fn over_a_terrain_that_is_3_m_off_heights_and_status_are_as_over_the_right_one() {
+    let records_of = |result: &Path| -> BTreeMap<String, BuildingRecord> {
         let found = FoundBuildings::read(&result.join("city.gpkg"), &ReadOptions::default()).unwrap().to_records();
-        let with_height = found.into_iter().filter_map(|record| {
-            let is_measured = record.status == Status::Measured;
-            Some((record.id, (record.height_m?, is_measured)))
-        });
-        with_height.collect()
+        found.into_iter().map(|record| (record.id.clone(), record)).collect()
     };
-    let (over_right, over_wrong) = (heights_m(&BY_PHOTOS), heights_m(&OVER_OFFSET));
-    // Of low houses the least height that is looked for is in the way, over ground that is 2.5 m too high: these are doubtful.
-    let measured = over_wrong.iter().filter(|(_, (_, is_measured))| *is_measured);
-    let off_m: Vec<f64> = measured.map(|(id, (height_m, _))| (height_m - over_right[id].0).abs()).collect();
-    assert!(off_m.len() >= 6, "{over_wrong:?}");
-    assert!(off_m.iter().all(|off_m| *off_m < 0.6), "2.5 m off: {over_right:?}, {over_wrong:?}");
+    let right = records_of(&BY_PHOTOS);
+    for (name, result) in [("too high", &*OVER_OFFSET), ("too low", &*OVER_LOW)] {
+        let wrong = records_of(result);
+        assert_eq!(wrong.keys().collect::<Vec<_>>(), right.keys().collect::<Vec<_>>(), "{name}: parts");
+        let both = || right.values().zip(wrong.values()).filter(|(right, _)| right.height_m.is_some());
+        let off_m: Vec<f64> = both().map(|(a, b)| (a.height_m.unwrap() - b.height_m.unwrap()).abs()).collect();
+        let mean_m = off_m.iter().sum::<f64>() / off_m.len() as f64;
+        let at_bound = wrong.values().filter(|record| record.reasons.iter().any(|reason| reason == "range_bound"));
+        println!("{name}: {mean_m:.3} m from the heights over the right terrain, {off_m:.2?}");
+        assert!(off_m.len() >= 10 && mean_m < 0.2, "{name}: {mean_m} m, {off_m:?}");
+        assert_eq!(at_bound.count(), 0, "{name}");
+        let n_same = both().filter(|(a, b)| a.status == b.status).count();
+        assert!(n_same + 1 >= off_m.len(), "{name}: {n_same} of {} have the same status", off_m.len());
+    }
 }
 
 #[test]
@@ -337,4 +356,35 @@ fn real_photos_are_good_ones_until_they_are_blurred() {
     fs::write(&config, text.replace(&format!("{}/images", data.display()), &images.display().to_string())).unwrap();
     let told = told_of_photos(&config);
     assert_eq!(told, BTreeMap::from([("img_3163.jpg".to_owned(), "photo_blurred".to_owned())]));
+}
+
+/// A town photographed straight down only: 30 overlapping photos of a grid, poses good to 0.05 m and 0.05°.
+#[test]
+fn photos_that_look_straight_down_give_heights_by_stereo_with_an_honest_sigma() {
+    let folder = town(|config| {
+        config.town.n_buildings = 16;
+        config.flight.n_views = Some(150);
+        (config.camera.width_px, config.camera.height_px) = (800, 600);
+        config.prior.longest_px = 64;
+    });
+    let scene = folder.path();
+    let images = scene.join("sparse/images.txt");
+    let text = fs::read_to_string(&images).unwrap();
+    let poses: Vec<&str> = text.lines().filter(|line| !line.starts_with('#')).step_by(2).collect();
+    let nadir: Vec<String> =
+        poses.iter().filter(|pose| pose.contains("_nadir")).map(|pose| format!("{pose}\n\n")).collect();
+    assert_eq!(nadir.len(), 30);
+    fs::write(&images, nadir.concat()).unwrap();
+    // Depth that is only near and far shows no heights from above.
+    let refused: Outcome = sizeup().arg("run").arg(scene.join("sizeup.toml")).output().unwrap().into();
+    assert!(refused.stderr.contains("none of the 30 views is oblique"), "{}", refused.stderr);
+    assert!(refused.stderr.contains("prior.source = \"stereo\""), "{}", refused.stderr);
+    let result = run(scene, "nadir", &["prior={source=\"stereo\"}"]);
+    let evaluation = evaluated(scene, &result);
+    let all = evaluation.all.unwrap();
+    let known: Vec<&BuildingError> = evaluation.buildings.iter().filter(|b| b.sigma_m.is_some()).collect();
+    let within = known.iter().filter(|b| b.signed_error_m.abs() <= 2.0 * b.sigma_m.unwrap()).count();
+    println!("{:.2} m on {} buildings, {within} of {} within 2 sigma", all.error_mean_m, all.n, known.len());
+    assert!(known.len() >= 14 && all.error_mean_m < 0.5, "{} m, {} with a sigma", all.error_mean_m, known.len());
+    assert!(within * 10 >= known.len() * 8, "{within} of {} within 2 sigma", known.len());
 }

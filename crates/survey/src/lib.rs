@@ -71,6 +71,21 @@ pub struct Survey {
     pub issues: Vec<Issue>,
 }
 
+impl Survey {
+    /// Kind of the views that heights are measured in: oblique ones, or nadir ones in a flight that has no others.
+    #[must_use]
+    pub fn kind_for_heights(&self) -> ViewKind {
+        let has_oblique = self.views.iter().any(|view| view.kind() == ViewKind::Oblique);
+        if has_oblique { ViewKind::Oblique } else { ViewKind::Nadir }
+    }
+
+    /// The views that heights are measured in.
+    pub fn views_for_heights(&self) -> impl Iterator<Item = &View> {
+        let kind = self.kind_for_heights();
+        self.views.iter().filter(move |view| view.kind() == kind)
+    }
+}
+
 /// Reads a survey and moves it to the project's CRS.
 ///
 /// # Errors

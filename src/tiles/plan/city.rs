@@ -22,7 +22,7 @@ use sizeup_heights::stats;
 use sizeup_photos::prior::PriorConfig;
 use sizeup_results::output::reports::write_json;
 use sizeup_results::output::reviews::Reviews;
-use sizeup_survey::{Survey, View, ViewKind};
+use sizeup_survey::{Survey, View};
 
 /// Width of the halo in breadths of the median oblique view: as far as the views that are taken in show anything.
 const HALO_BREADTHS: f64 = 2.0;
@@ -119,8 +119,9 @@ impl<'a> PlannedCity<'a> {
         let tallest_m = f64::from(self.frame.bounds.max_m);
         // Stereo matches views of all kinds with each other, and roofs and ground are told by photos of all kinds; otherwise
         // only oblique ones have a say.
+        let kind = self.survey.kind_for_heights();
         let takes_part = |view: &View| {
-            view.kind() == ViewKind::Oblique
+            view.kind() == kind
                 || matches!(*self.config.prior.chosen(), PriorConfig::Stereo(_))
                 || reads_photo(self.config, view)
         };
@@ -132,9 +133,9 @@ impl<'a> PlannedCity<'a> {
     /// Megabytes that a tile with so many views needs at most.
     fn memory_mb(&self, core: &Core, n_views: usize) -> u64 {
         let halo = core.area().grown(self.settled.halo_m);
-        let oblique: Vec<&View> = self.survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique).collect();
-        let tangents: Vec<f64> = oblique.iter().map(|v| v.off_nadir_rad().tan().min(MAX_SLOPE)).collect();
-        let aspect = oblique.first().map_or(1.0, |v| f64::from(v.camera.width_px) / f64::from(v.camera.height_px));
+        let measuring: Vec<&View> = self.survey.views_for_heights().collect();
+        let tangents: Vec<f64> = measuring.iter().map(|v| v.off_nadir_rad().tan().min(MAX_SLOPE)).collect();
+        let aspect = measuring.first().map_or(1.0, |v| f64::from(v.camera.width_px) / f64::from(v.camera.height_px));
         let counts = TileCounts {
             n_views,
             n_buildings: self.places.count(&halo),
@@ -234,7 +235,6 @@ fn cell_m(path: &Path) -> f64 {
 /// How far a typical oblique view shows at once, whole metres.
 fn breadth_m(survey: &Survey, [lowest_m, highest_m]: [f64; 2]) -> f64 {
     let middle_m = f64::midpoint(lowest_m, highest_m);
-    let oblique = survey.views.iter().filter(|v| v.kind() == ViewKind::Oblique);
-    let breadths: Vec<f64> = oblique.map(|view| sight::breadth_m(view, middle_m)).collect();
+    let breadths: Vec<f64> = survey.views_for_heights().map(|view| sight::breadth_m(view, middle_m)).collect();
     stats::median(&breadths).unwrap_or(0.0).ceil()
 }

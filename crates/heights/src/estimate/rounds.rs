@@ -8,7 +8,7 @@ use super::doubts::{mark_small, mark_towers};
 use super::parts::{PartId, Parts, without};
 use super::refinement::Refinement;
 use super::task::{Heights, MethodSettings, NamedCamera, Task};
-use crate::optimise::{OptimiseConfig, Problem, Rays, Solution, Solving, ViewInput, solve};
+use crate::optimise::{CalibrationRays, OptimiseConfig, Problem, Rays, Solution, Solving, ViewInput, solve};
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
 
@@ -32,13 +32,16 @@ pub fn estimate_with(task: &Task<'_>, settings: &MethodSettings, solver: Solver<
     Rounds { task, settings, solver, moved_m: DVec3::ZERO }.run()
 }
 
-/// The views of a task in a scene, at the solver's working resolution, moved in the map frame, metres.
+/// The views of a task in a scene, at the solver's working resolution, moved in the map frame, metres. Heights are measured in oblique
+/// views; in a flight that has none, depth in metres measures them in nadir views too.
 #[must_use]
-pub fn view_inputs(views: &[NamedCamera], working_px: u32, scene: &Scene, moved_m: DVec3) -> Vec<ViewInput> {
+pub fn view_inputs(views: &[NamedCamera], optimise: &OptimiseConfig, scene: &Scene, moved_m: DVec3) -> Vec<ViewInput> {
+    let is_in_metres = optimise.search.calibrate_on == CalibrationRays::None;
+    let takes_nadir = is_in_metres && !views.iter().any(NamedCamera::is_oblique);
     let of = |view: &NamedCamera| {
         let pose = view.posed.camera_from_map.moved(moved_m);
-        let placed = PlacedCamera::new(view.posed.camera.reduced_to(working_px), pose, scene.origin);
-        ViewInput::new(&view.name, placed, view.is_oblique())
+        let placed = PlacedCamera::new(view.posed.camera.reduced_to(optimise.working_px), pose, scene.origin);
+        ViewInput::new(&view.name, placed, view.is_oblique() || (takes_nadir && view.is_nadir()))
     };
     views.iter().map(of).collect()
 }
@@ -58,7 +61,7 @@ impl Rounds<'_> {
         let mut scene = self.scene(&parts);
         let mut rays = self.untraced();
         let mut solution = self.solve(&scene, &rays, &self.settings.optimise, &[]);
-        let layer_shift = solution.layer_shift;
+        let (layer_shift, level_off) = (solution.layer_shift, solution.level_off);
         if let Some(shift) = layer_shift {
             self.moved_m = shift.on_ground();
             rays = self.untraced();
@@ -103,6 +106,7 @@ impl Rounds<'_> {
         let unread_photos = self.refine(&mut scene, &mut parts, &mut solution);
         mark_towers(&scene, &mut solution);
         mark_small(&scene, &mut solution);
+        solution.level_off = level_off;
         let Parts { parts, splits } = parts;
         Heights { parts, solution, splits, joined: joined.into_iter().collect(), layer_shift, unread_photos }
     }
@@ -134,7 +138,7 @@ impl Rounds<'_> {
         let &Task { views, priors, seed, progress, .. } = self.task;
         let problem = Problem {
             scene,
-            views: &view_inputs(views, optimise.working_px, scene, self.moved_m),
+            views: &view_inputs(views, optimise, scene, self.moved_m),
             expect_priors: &|views| priors.prepare(views, &|done, total| progress(Solving::Priors, done, total)),
             without_prior: &|view| priors.absence(view),
             load_prior: &|view| priors.load(view),

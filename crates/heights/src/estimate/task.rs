@@ -35,6 +35,12 @@ pub struct NamedCamera {
 }
 
 impl NamedCamera {
+    /// Whether it looks straight down, within 15°.
+    #[must_use]
+    pub fn is_nadir(&self) -> bool {
+        self.posed.camera_from_map.off_nadir_rad().to_degrees() <= NADIR_WITHIN_DEG
+    }
+
     /// Whether depth priors of the photo are used: it looks down, by more than 15° from straight down.
     #[must_use]
     pub fn is_oblique(&self) -> bool {

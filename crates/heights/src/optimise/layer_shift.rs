@@ -57,6 +57,20 @@ pub struct LayerShift {
     pub n_buildings: usize,
 }
 
+/// Least error of the ground's level that is told, metres, if not three standard deviations.
+const LEAST_LEVEL_M: f64 = 1.0;
+
+/// How far the ground lies from where depth shows it, all buildings together.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct LevelOff {
+    /// Height of the ground above the level that was given, metres.
+    pub up_m: f64,
+    /// One standard deviation, metres.
+    pub sigma_m: f64,
+    /// Buildings that it was measured on.
+    pub n_buildings: usize,
+}
+
 /// Buildings, views and priors that distances are measured with.
 struct ShiftTrial<'a> {
     problem: &'a Problem<'a>,
@@ -79,17 +93,24 @@ pub(super) fn measure(
     stride_px: usize,
     config: &SearchConfig,
 ) -> Option<LayerShift> {
-    let views_of = sample(problem, views_of);
-    let asked: Vec<usize> = (0..views_of.len()).filter(|&b| !views_of[b].is_empty()).collect();
-    if asked.len() < MIN_BUILDINGS {
-        return None;
-    }
-    let views: BTreeSet<usize> = views_of.iter().flatten().copied().collect();
-    let load = |view: usize| Some((view, (problem.load_prior)(view).ok()?));
-    let priors = views.into_par_iter().filter_map(load).collect();
-    let pixel_m = pixel_on_ground_m(problem, &views_of);
-    let trial = ShiftTrial { problem, config, stride_px, heights_m, views_of, priors, shape };
-    trial.search(&asked, STEP_M.max(pixel_m))
+    let (trial, asked) = ShiftTrial::new(problem, views_of, heights_m, shape, stride_px, config)?;
+    trial.search(&asked, STEP_M.max(pixel_on_ground_m(problem, &trial.views_of)))
+}
+
+/// Measures how far the ground lies above or below its given level; `None` where it fits, or too little is seen to say.
+///
+/// All photos are moved up or down, and each building takes its best height near the present one. Over a ground that is too high, a wall's
+/// foot is drawn too high in every photo, whereas the depth's jump at the roof's edge is as high as the building.
+pub(super) fn measure_level(
+    problem: &Problem<'_>,
+    views_of: &[Vec<usize>],
+    heights_m: &[f32],
+    shape: PriorShape,
+    stride_px: usize,
+    config: &SearchConfig,
+) -> Option<LevelOff> {
+    let (trial, asked) = ShiftTrial::new(problem, views_of, heights_m, shape, stride_px, config)?;
+    trial.search_level(&asked, STEP_M.max(pixel_on_ground_m(problem, &trial.views_of)))
 }
 
 /// Views of the buildings that are asked, from all around them; none for the others.
@@ -135,10 +156,46 @@ fn pixel_on_ground_m(problem: &Problem<'_>, views_of: &[Vec<usize>]) -> f64 {
     crate::stats::median(&all).unwrap_or(0.0)
 }
 
-impl ShiftTrial<'_> {
+impl<'a> ShiftTrial<'a> {
+    /// A trial, and the buildings that are asked.
+    fn new(
+        problem: &'a Problem<'a>,
+        views_of: &[Vec<usize>],
+        heights_m: &'a [f32],
+        shape: PriorShape,
+        stride_px: usize,
+        config: &'a SearchConfig,
+    ) -> Option<(Self, Vec<usize>)> {
+        let views_of = sample(problem, views_of);
+        let asked: Vec<usize> = (0..views_of.len()).filter(|&b| !views_of[b].is_empty()).collect();
+        if asked.len() < MIN_BUILDINGS {
+            return None;
+        }
+        let views: BTreeSet<usize> = views_of.iter().flatten().copied().collect();
+        let load = |view: usize| Some((view, (problem.load_prior)(view).ok()?));
+        let priors = views.into_par_iter().filter_map(load).collect();
+        Some((Self { problem, config, stride_px, heights_m, views_of, priors, shape }, asked))
+    }
+
+    fn search_level(&self, asked: &[usize], step_m: f64) -> Option<LevelOff> {
+        let search = PeakSearch { axes: &[DVec3::Z], step_m, at_rest: AT_REST, max_rounds: MAX_ROUNDS };
+        let (around, cross) = search.run(|d| self.scores(d, asked))?;
+        let peak_m = (around + cross.to_peak(|_| true)).z;
+        let without: Vec<f64> = (0..asked.len()).map(|out| (around + cross.to_peak(|i| i != out)).z).collect();
+        let sigma_m = jackknife_sigma(&without)?;
+        if peak_m.abs() < LEAST_LEVEL_M.max(3.0 * sigma_m) {
+            return None;
+        }
+        let (here, there) = (self.scores(DVec3::ZERO, asked), self.scores(peak_m * DVec3::Z, asked));
+        let n_better = here.iter().zip(&there).filter(|(here, there)| there > here).count();
+        let is_told = n_better as f64 >= MIN_AGREEING * asked.len() as f64;
+        // Photos that are moved up see the ground as much lower.
+        is_told.then_some(LevelOff { up_m: -peak_m, sigma_m, n_buildings: asked.len() })
+    }
+
     fn search(&self, asked: &[usize], step_m: f64) -> Option<LayerShift> {
         let search = PeakSearch { axes: &[DVec3::X, DVec3::Y], step_m, at_rest: AT_REST, max_rounds: MAX_ROUNDS };
-        let (around, cross) = search.run(|d| self.scores(d.truncate(), asked))?;
+        let (around, cross) = search.run(|d| self.scores(d, asked))?;
         let peak = (around + cross.to_peak(|_| true)).truncate();
         let without: Vec<DVec2> =
             (0..asked.len()).map(|out| (around + cross.to_peak(|i| i != out)).truncate()).collect();
@@ -157,13 +214,13 @@ impl ShiftTrial<'_> {
     }
 
     /// The best score of each building near its present height, all photos moved by `by_m`; 0 where no view sees it there.
-    fn scores(&self, by_m: DVec2, asked: &[usize]) -> Vec<f64> {
+    fn scores(&self, by_m: DVec3, asked: &[usize]) -> Vec<f64> {
         self.moved(by_m, |_, found| asked.iter().map(|&b| found[b].as_ref().map_or(0.0, |f| f.score)).collect())
     }
 
     /// The same of the best roof of any form.
     fn scores_of_roofs(&self, by_m: DVec2, asked: &[usize]) -> Vec<Option<f64>> {
-        self.moved(by_m, |views, found| {
+        self.moved(by_m.extend(0.0), |views, found| {
             let height_m = |(found, before): (&Option<Finding>, &f32)| found.as_ref().map_or(*before, |f| f.height_m);
             let heights_m: Vec<f32> = found.iter().zip(self.heights_m).map(height_m).collect();
             let is_asked = |b: usize| asked.binary_search(&b).is_ok();
@@ -173,8 +230,8 @@ impl ShiftTrial<'_> {
     }
 
     /// Hands the views, all moved by `by_m`, and what a local sweep finds in them to `look`.
-    fn moved<T>(&self, by_m: DVec2, look: impl FnOnce(SweepViews<'_>, &[Option<Finding>]) -> T) -> T {
-        let views: Vec<ViewInput> = self.problem.views.iter().map(|v| v.moved(by_m.extend(0.0))).collect();
+    fn moved<T>(&self, by_m: DVec3, look: impl FnOnce(SweepViews<'_>, &[Option<Finding>]) -> T) -> T {
+        let views: Vec<ViewInput> = self.problem.views.iter().map(|v| v.moved(by_m)).collect();
         let rays = Rays::new(views.len(), self.stride_px);
         let problem = Problem { views: &views, rays: &rays, ..*self.problem };
         let evidence: BTreeMap<usize, Evidence<'_>> = self

@@ -48,7 +48,7 @@ pub use config::{
 pub use disagreeing::DisagreeingView;
 pub use footprint_shift::FootprintShift;
 pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};
-pub use layer_shift::LayerShift;
+pub use layer_shift::{LayerShift, LevelOff};
 pub use levels::{LevelGain, OtherLevel};
 pub use planes::{RoofPlane, RoofPlanes, Rule};
 pub use rays::Rays;

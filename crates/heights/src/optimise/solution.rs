@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::disagreeing::DisagreeingView;
 use super::footprint_shift::FootprintShift;
-use super::layer_shift::LayerShift;
+use super::layer_shift::{LayerShift, LevelOff};
 use super::levels::OtherLevel;
 use super::roof::Roof;
 use super::straighten::PriorShape;
@@ -265,6 +265,9 @@ pub struct Solution {
     /// provisional until photos or footprints are moved and the scene is solved again.
     #[serde(default)]
     pub layer_shift: Option<LayerShift>,
+    /// Error of the ground's level, where the shift of the layer was asked for and depth has no unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub level_off: Option<LevelOff>,
     /// Buildings with a second roof level, which no single height fits. Where there are any, the search ended with them: the
     /// heights are provisional until these are split and the scene is solved again.
     #[serde(default)]

@@ -8,6 +8,7 @@
 //! Frame: the map; heights in the vertical reference that the poses are in. Heights of buildings are measured from the same
 //! photos, so a datum that the poses share cancels: this model fits them better than one that is exact elsewhere.
 
+mod level;
 mod patch;
 mod surface;
 mod trend;
@@ -23,7 +24,7 @@ use rstar::primitives::{GeomWithData, Rectangle};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use self::surface::ground_level;
+pub use self::level::{GroundSurface, REACH_M};
 use self::trend::GroundTrend;
 use crate::prior::{Album, PriorError};
 use sizeup_geo::terrain::{Dem, DemError, MapBox, Terrain};

@@ -142,24 +142,6 @@ fn around(heights: &HeightTree, place: DVec2, bandwidth_m: f64) -> impl Iterator
     close.map(move |square| (DVec2::from_array(*square.geom()) - place, square.data))
 }
 
-/// Level of the ground at a place and its standard deviation, metres, from the offsets (metres) and heights of squares of ground around
-/// it. `None` of fewer than five squares.
-///
-/// ```text
-/// σ² = s² · (1 + |m|² / v) / n      s: spread around the plane, n: squares by weight, m, v: mean and variance of their offsets
-/// ```
-#[must_use]
-pub fn ground_level(neighbours: &[(DVec2, f64)], bandwidth_m: f64) -> Option<(f64, f64)> {
-    let (level_m, spread_m) = robust_level(neighbours, bandwidth_m)?;
-    let weight = |offset: DVec2| (-0.5 * (offset / bandwidth_m).length_squared()).exp();
-    let n: f64 = neighbours.iter().map(|(offset, _)| weight(*offset)).sum();
-    let mean = neighbours.iter().map(|(offset, _)| *offset * weight(*offset)).sum::<DVec2>() / n;
-    let variance =
-        neighbours.iter().map(|(offset, _)| (*offset - mean).length_squared() * weight(*offset)).sum::<f64>() / n;
-    let beside = 1.0 + mean.length_squared() / variance.max(1.0);
-    Some((level_m, spread_m * (beside / n).sqrt()))
-}
-
 /// Level of the surface below what stands on it, and its spread, metres.
 fn robust_level(neighbours: &[(DVec2, f64)], bandwidth_m: f64) -> Option<(f64, f64)> {
     if neighbours.len() < MIN_NEIGHBOURS {

@@ -16,7 +16,7 @@ use super::config::{OptimiseConfig, Preset};
 use super::disagreeing::DisagreeingView;
 use super::evidence::Evidence;
 use super::footprint_shift::FootprintShift;
-use super::layer_shift::LayerShift;
+use super::layer_shift::{LayerShift, LevelOff};
 use super::levels::OtherLevel;
 use super::rays::Rays;
 use super::roof::Judged;
@@ -36,7 +36,7 @@ use crate::views::{Choice, ViewsConfig};
 pub struct ViewInput {
     /// The camera at its working resolution, in the local frame.
     pub placed: PlacedCamera,
-    /// Whether heights may be measured in it (oblique views).
+    /// Whether heights may be measured in it: oblique views, or nadir views with depth in metres where there are no others.
     pub is_oblique: bool,
     /// A number for its name ([`seed::key_of`]): random choices about a view do not depend on its company.
     pub key: u64,
@@ -177,6 +177,7 @@ struct SolverState<'a> {
     bleeding_px: Vec<f64>,
     other_levels: Vec<OtherLevel>,
     layer_shift: Option<LayerShift>,
+    level_off: Option<LevelOff>,
     /// By building: how far its footprint is off, where that was measured (`robust`).
     footprint_shifts: Vec<Option<FootprintShift>>,
     /// Shape of the priors along the ground, by which they are straightened; `None` before the first are loaded.
@@ -209,6 +210,7 @@ impl<'a> SolverState<'a> {
             bleeding_px: vec![0.0; n_views],
             other_levels: Vec::new(),
             layer_shift: None,
+            level_off: None,
             footprint_shifts: vec![None; n_buildings],
             prior_shape: if config.may_straighten() { None } else { Some(PriorShape::Line) },
         }

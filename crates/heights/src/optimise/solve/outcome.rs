@@ -35,6 +35,7 @@ impl SolverState<'_> {
             prior_shape: self.prior_shape.unwrap_or_default(),
             n_straightened,
             layer_shift: self.layer_shift,
+            level_off: self.level_off,
             other_levels,
             disagreeing_views: self.disagreeing.into_iter().flatten().collect(),
             failed_views,

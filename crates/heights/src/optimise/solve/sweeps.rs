@@ -49,6 +49,12 @@ impl SolverState<'_> {
             if self.layer_shift.is_some() {
                 return; // to be solved again with photos and footprints in one place
             }
+            // Depth in metres shows the ground itself.
+            if config.calibrate_on != CalibrationRays::None {
+                let heights_m = &self.heights_m;
+                self.level_off =
+                    layer_shift::measure_level(self.problem, &self.views_of, heights_m, shape, stride_px, config);
+            }
         }
         if config.split_levels {
             let (views, known_m) = (self.sweep_views(), self.problem.start_m);
