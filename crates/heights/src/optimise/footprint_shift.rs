@@ -34,10 +34,11 @@ const MAX_VIEWS: usize = 16;
 const N_HEIGHTS: usize = 7;
 const HEIGHTS_M: f32 = 1.5;
 /// First step of the search, metres, if not a pixel of the working image on the ground; rounds of it at most, and the share of a step
-/// within which it has come to rest.
+/// within which it has come to rest: the peak then lies between scores that are known. Delft's surface and two towns: 0.3 gives the
+/// same heights, and takes 5 % more processor time over Delft.
 const STEP_M: f64 = 0.4;
 const MAX_ROUNDS: usize = 8;
-const AT_REST: f64 = 0.3;
+const AT_REST: f64 = 0.75;
 /// Longest shift that is believed, metres, and as a share of the width, the root of the area: farther away stands something else.
 const LONGEST_M: f64 = 2.5;
 const LONGEST_SHARE: f64 = 0.25;

@@ -201,7 +201,8 @@ impl ComparedPixels {
             of_prior: no_scale,
             of_rendered: no_scale,
         };
-        for (ray_idx, &prior) in evidence.farness.iter().enumerate() {
+        for ray_idx in 0..profiles.rays.len() {
+            let prior = evidence.farness(ray_idx);
             let sight = profiles.sight(ray_idx, roofs);
             let is_compared = match region {
                 Region::Buildings => sight.building.is_some(),

@@ -96,8 +96,7 @@ impl Window {
     ) -> Option<Self> {
         let profiles = evidence.profiles;
         let top_z = ground_z + scope.up_to_m;
-        let low_enough = |&r: &u32| profiles.passes_below(r as usize, building, top_z);
-        let own_rays: Vec<u32> = evidence.rays_of(building).iter().copied().filter(low_enough).collect();
+        let own_rays = evidence.rays_below(building, top_z);
         let mut rays = evidence.rays_around(&own_rays, scope.dilate_px);
         rays.retain(|&r| evidence.nearness[r as usize].is_finite() && profiles.rays[r as usize].ground.is_finite());
         let unmodelled = match calibration {

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use super::config::{OptimiseConfig, Preset};
 use super::disagreeing::DisagreeingView;
-use super::evidence::Evidence;
+use super::evidence::{Evidence, SampledPrior};
 use super::footprint_shift::FootprintShift;
 use super::layer_shift::LayerShift;
 use super::levels::OtherLevel;
@@ -127,10 +127,24 @@ impl<'a> Problem<'a> {
         self.rays.of(self, view)
     }
 
-    /// A view with its prior, sampled along its rays.
-    pub(super) fn evidence(&self, view: usize, prior: &DepthPrior, bleeding_px: f64, stride_px: usize) -> Evidence<'a> {
+    /// A view's prior, loaded and sampled along its rays when first asked for; the text says why it cannot be.
+    pub(super) fn prior(&self, view: usize, stride_px: usize) -> Result<&'a SampledPrior, String> {
+        if let Some(known) = self.rays.prior(view) {
+            return Ok(known);
+        }
+        let prior = (self.load_prior)(view)?;
+        Ok(self.rays.keep_prior(view, self.sampled(view, &prior, 0.0, stride_px)))
+    }
+
+    /// A prior along the rays of its view, without what its near sides bleed over their edges, pixels of the working image.
+    pub(super) fn sampled(&self, view: usize, prior: &DepthPrior, bleeding_px: f64, stride_px: usize) -> SampledPrior {
+        SampledPrior::new(&self.views[view].placed, self.profiles(view), prior, bleeding_px, stride_px)
+    }
+
+    /// A view with its prior.
+    pub(super) fn evidence(&self, view: usize, prior: &SampledPrior, stride_px: usize) -> Evidence<'a> {
         let placed = &self.views[view].placed;
-        let mut evidence = Evidence::new(placed, self.profiles(view), prior, bleeding_px, stride_px);
+        let mut evidence = Evidence::new(placed, self.profiles(view), prior, stride_px);
         if let Some(green) = (self.green)(view) {
             evidence.see_green(placed, &green);
         }

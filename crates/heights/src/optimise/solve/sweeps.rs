@@ -42,10 +42,8 @@ impl SolverState<'_> {
         }
         n_selected = self.replace_disagreeing(n_selected);
         if config.measure_shift {
-            let shape = self.prior_shape.unwrap_or_default();
-            let stride_px = self.config.stride_px;
             self.layer_shift =
-                layer_shift::measure(self.problem, &self.views_of, &self.heights_m, shape, stride_px, config);
+                layer_shift::measure(self.problem, &self.evidence, &self.views_of, &self.heights_m, config);
             if self.layer_shift.is_some() {
                 return; // to be solved again with photos and footprints in one place
             }
@@ -233,23 +231,28 @@ impl SolverState<'_> {
     fn correct_edge_bleeding(&mut self) {
         let used: Vec<usize> = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();
         let edges = bleed::Edges::new(self.problem.scene, &self.heights_m);
-        let bleeding_of = |&v: &usize| {
-            let (Some(evidence), Ok(prior)) = (&self.evidence[v], (self.problem.load_prior)(v)) else {
-                return 0.0;
-            };
+        let shape = self.prior_shape.unwrap_or_default();
+        let without_bleeding = |&v: &usize| {
+            let evidence = self.evidence[v].as_ref()?;
+            let prior = (self.problem.load_prior)(v).ok()?;
             let seen = evidence.crossed().iter().map(|&b| b as usize);
-            bleed::bleeding_px(&edges.offsets(&self.problem.views[v].placed, &prior, seen))
-        };
-        let bleedings_px: Vec<f64> = used.par_iter().map(bleeding_of).collect();
-        let mut changed = Vec::new();
-        for (&v, bleeding_px) in used.iter().zip(bleedings_px) {
-            if bleeding_px.abs() >= MIN_BLEEDING_PX {
-                self.bleeding_px[v] = bleeding_px;
-                self.evidence[v] = None;
-                changed.push(v);
+            let bleeding_px = bleed::bleeding_px(&edges.offsets(&self.problem.views[v].placed, &prior, seen));
+            if bleeding_px.abs() < MIN_BLEEDING_PX {
+                return None;
             }
+            let cut_back = self.problem.sampled(v, &prior, bleeding_px, self.config.stride_px);
+            let mut cut_back = self.problem.evidence(v, &cut_back, self.config.stride_px);
+            // Along the ground it runs as it did.
+            if let Some(fits) = self.problem.rays.prior(v).and_then(|as_loaded| as_loaded.known_fits()) {
+                cut_back.straighten(fits, shape);
+            }
+            Some((v, bleeding_px, cut_back))
+        };
+        let changed: Vec<_> = used.par_iter().filter_map(without_bleeding).collect();
+        for (v, bleeding_px, cut_back) in changed {
+            self.bleeding_px[v] = bleeding_px;
+            self.evidence[v] = Some(cut_back);
         }
-        self.load(&changed);
     }
 
     /// Every view with a prior, with the roofs as they stand: levels at first, later those that have been found.

@@ -9,6 +9,9 @@ use crate::optimise::straighten::{GroundFits, PriorShape};
 use crate::seed;
 use crate::views::{CandidateView, Choice, Selection, Visibility, drawn, in_turn, select, select_each, visibility};
 
+/// Of a view that is not straightened.
+static NO_FITS: GroundFits = GroundFits::NONE;
+
 impl SolverState<'_> {
     /// Selects views that see the buildings.
     pub(super) fn select(&self, visibilities: &[Option<Visibility>]) -> Selection {
@@ -68,7 +71,8 @@ impl SolverState<'_> {
     pub(super) fn load(&mut self, views: &[usize]) {
         let mut new: Vec<usize> =
             views.iter().copied().filter(|&v| self.evidence[v].is_none() && self.failed[v].is_none()).collect();
-        for (v, why) in (self.problem.expect_priors)(&new) {
+        let unknown: Vec<usize> = new.iter().copied().filter(|&v| self.problem.rays.prior(v).is_none()).collect();
+        for (v, why) in (self.problem.expect_priors)(&unknown) {
             self.failed[v] = Some(why);
         }
         new.retain(|&v| self.failed[v].is_none());
@@ -76,10 +80,10 @@ impl SolverState<'_> {
         let loaded: Vec<_> = new
             .par_iter()
             .map(|&v| {
-                let evidence = (self.problem.load_prior)(v).map(|prior| {
-                    let evidence = self.problem.evidence(v, &prior, self.bleeding_px[v], self.config.stride_px);
+                let evidence = self.problem.prior(v, self.config.stride_px).map(|prior| {
+                    let evidence = self.problem.evidence(v, prior, self.config.stride_px);
                     let is_line = self.prior_shape == Some(PriorShape::Line);
-                    let fits = if is_line { GroundFits::default() } else { GroundFits::along_ground(&evidence) };
+                    let fits = if is_line { &NO_FITS } else { prior.fits(&evidence) };
                     (evidence, fits)
                 });
                 let done = n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
@@ -87,7 +91,7 @@ impl SolverState<'_> {
                 evidence
             })
             .collect();
-        let fits: Vec<_> = loaded.iter().flatten().map(|(_, fits)| fits).collect();
+        let fits: Vec<_> = loaded.iter().flatten().map(|(_, fits)| *fits).collect();
         // The first photos whose priors could be loaded decide for all.
         if self.prior_shape.is_none() && !fits.is_empty() {
             self.prior_shape = Some(PriorShape::of(&fits));
@@ -96,7 +100,7 @@ impl SolverState<'_> {
         for (v, loaded) in new.into_iter().zip(loaded) {
             match loaded {
                 Ok((mut evidence, fits)) => {
-                    evidence.straighten(&fits, shape);
+                    evidence.straighten(fits, shape);
                     self.evidence[v] = Some(evidence);
                 }
                 Err(why) => self.failed[v] = Some(why),
