@@ -96,7 +96,7 @@ impl Block {
             seed: 1,
             rays: &Rays::new(self.views.len(), stride_px),
             green: &|_| None,
-            start_m: &[],
+            former: None,
             progress: &|_, _, _| {},
         })
     }
@@ -647,7 +647,7 @@ fn priors_that_cannot_be_loaded_are_listed() {
         seed: 1,
         rays: &Rays::new(block.views.len(), 2),
         green: &|_| None,
-        start_m: &[],
+        former: None,
         progress: &|_, _, _| {},
     };
     let solution = solve(&problem, &small(Preset::Robust));

@@ -104,9 +104,10 @@ pub(super) struct SettledScene<'a> {
 }
 
 impl SettledScene<'_> {
-    /// By building, how far its footprint is off; `None` where it fits, or too little is seen to say.
-    pub fn footprint_shifts(&self) -> Vec<Option<FootprintShift>> {
-        let blocks = blocks(&self.scene.prisms);
+    /// By building, how far its footprint is off; `None` where it fits, too little is seen to say, or no building of its block is asked for.
+    pub fn footprint_shifts(&self, is_asked: impl Fn(usize) -> bool) -> Vec<Option<FootprintShift>> {
+        let mut blocks = blocks(&self.scene.prisms);
+        blocks.retain(|block| block.iter().any(|&b| is_asked(b)));
         let measured: Vec<Option<Measured>> = blocks.par_iter().map(|block| self.block(block).measure()).collect();
         let lone_m = blocks.iter().zip(&measured).filter(|(block, _)| block.len() == 1);
         let lone_m: Vec<f64> = lone_m.filter_map(|(_, measured)| Some(measured.as_ref()?.way.z)).collect();

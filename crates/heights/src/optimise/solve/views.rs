@@ -1,5 +1,7 @@
 //! Which views take part: selection for the present heights, and loading the priors that it asks for.
 
+use std::collections::BTreeSet;
+
 use glam::DVec3;
 use rand::Rng as _;
 use rayon::prelude::*;
@@ -23,7 +25,7 @@ impl SolverState<'_> {
         let candidates: Vec<CandidateView> =
             views.iter().map(|v| CandidateView { eye: v.placed.eye(), key: v.key }).collect();
         let centres: Vec<DVec3> = (0..n_buildings).map(|b| self.centre(b)).collect();
-        match self.views_config.choice {
+        let mut selection = match self.views_config.choice {
             Choice::Cover => select(&self.views_config, visibilities, &stations, &axes, n_buildings),
             Choice::Each => select_each(&self.views_config, visibilities, &candidates, &centres),
             Choice::Random => {
@@ -31,7 +33,14 @@ impl SolverState<'_> {
                 let keys: Vec<u64> = views.iter().map(draw).collect();
                 drawn(&self.views_config, visibilities, &keys, n_buildings)
             }
+        };
+        let kept: Vec<usize> = (0..n_buildings).filter(|&b| !self.problem.is_searched(b)).collect();
+        if !kept.is_empty() {
+            kept.into_iter().for_each(|b| selection.views_of_building[b].clear());
+            let needed: BTreeSet<usize> = selection.views_of_building.iter().flatten().copied().collect();
+            selection.views = needed.into_iter().collect();
         }
+        selection
     }
 
     /// Selects views for the present heights and loads the priors that are new; a view whose prior cannot be loaded is
