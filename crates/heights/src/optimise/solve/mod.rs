@@ -21,7 +21,7 @@ use super::levels::OtherLevel;
 use super::rays::Rays;
 use super::roof::Judged;
 use super::search::Finding;
-use super::solution::{EpochRecord, Solution};
+use super::solution::{EpochRecord, Reason, Solution};
 use super::straighten::PriorShape;
 use crate::prior::DepthPrior;
 use crate::raster::Raster;
@@ -216,8 +216,8 @@ struct SolverState<'a> {
     findings: Vec<Option<Finding>>,
     /// By building: whether the ordinal loss ever had a slope by its height.
     is_voted_on: Vec<bool>,
-    /// By building: whether the heights as found leave its pixels in the wrong order (`paper`).
-    is_in_wrong_order: Vec<bool>,
+    /// By building: what its pairs have against its height (`paper`).
+    order_doubts: Vec<Option<Reason>>,
     roofs: Vec<Judged>,
     /// By building: the area above its roof that no view has looked through, metres squared (`robust`).
     blind_m2: Vec<f64>,
@@ -261,7 +261,7 @@ impl<'a> SolverState<'a> {
             heights_m: vec![0.0; n_buildings],
             findings: vec![None; n_buildings],
             is_voted_on: vec![false; n_buildings],
-            is_in_wrong_order: vec![false; n_buildings],
+            order_doubts: vec![None; n_buildings],
             roofs: vec![Judged::default(); n_buildings],
             blind_m2: vec![0.0; n_buildings],
             is_green: vec![false; n_buildings],

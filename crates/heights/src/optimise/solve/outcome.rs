@@ -120,9 +120,6 @@ impl SolverState<'_> {
         if finding.is_some_and(|f| f.contrast < FLAT_SCORE) {
             reasons.push(Reason::FlatScore);
         }
-        if self.is_in_wrong_order[building] {
-            reasons.push(Reason::WrongOrder);
-        }
         let spread_m = finding.and_then(|f| f.sigma_m);
         if finding.is_some_and(is_conflicting) {
             reasons.push(Reason::ConflictingViews);
@@ -165,6 +162,9 @@ impl SolverState<'_> {
         solved.keep_within(bounds, self.config.height_reference);
         if finding.is_some_and(|f| f.is_like_ground) {
             solved.doubt(Reason::NothingStandsHere);
+        }
+        if let Some(reason) = self.order_doubts[building] {
+            solved.doubt(reason);
         }
         solved
     }
