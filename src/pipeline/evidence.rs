@@ -57,7 +57,7 @@ pub(super) fn gather(
         seed: config.seed,
         rays: &Rays::new(survey.views.len(), config.optimise.stride_px),
         green: &|view| priors.green(view),
-        start_m: &[],
+        former: None,
         progress: &|_, _, _| {},
     };
     let inspections = inspect(&problem, &for_priors(&config.prior, &config.optimise), &heights.solution, &wanted);

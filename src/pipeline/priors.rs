@@ -84,7 +84,7 @@ fn selected<'a>(config: &RunConfig, survey: &'a Survey, stage: &SceneStage) -> V
         without_prior: &|_| None,
         load_prior: &|_| Err("no prior is asked for".to_owned()),
         green: &|_| None,
-        start_m: &[],
+        former: None,
         seed: config.seed,
         rays: &Rays::new(views.len(), config.optimise.stride_px),
         progress: &|_, _, _| {},

@@ -121,7 +121,7 @@ fn solving(c: &mut Criterion) {
             seed: 1,
             rays: &Rays::new(views.len(), config.stride_px),
             green: &|_| None,
-            start_m: &[],
+            former: None,
             progress: &|_, _, _| {},
         };
         solve(&problem, config)

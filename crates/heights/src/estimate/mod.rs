@@ -9,6 +9,7 @@
 //! [`estimate_heights`] takes everything from memory. [`estimate`] takes the same apart: priors and photos that are loaded by need,
 //! a given local frame, progress.
 
+mod beside;
 mod doubts;
 mod parts;
 mod refinement;

@@ -88,6 +88,17 @@ impl Parts {
         (self.parts.len() > n_before).then_some(former)
     }
 
+    /// By part, its position among others; `None` where it is not there, or has another outline.
+    pub fn positions_in(&self, others: &Self) -> Vec<Option<usize>> {
+        let by_id: BTreeMap<(usize, &[usize]), usize> =
+            others.parts.iter().enumerate().map(|(at, part)| ((part.building, part.path.as_slice()), at)).collect();
+        let position = |part: &Part| {
+            let at = *by_id.get(&(part.building, part.path.as_slice()))?;
+            (others.parts[at].footprint == part.footprint).then_some(at)
+        };
+        self.parts.iter().map(position).collect()
+    }
+
     /// Gives parts of one building each other's corners where a part was split once more: the corners of its pieces lie on edges of
     /// the others.
     pub fn share_corners(&mut self, former: &[Option<usize>]) {

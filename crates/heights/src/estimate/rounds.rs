@@ -4,11 +4,14 @@ use std::collections::BTreeSet;
 
 use glam::DVec3;
 
+use super::beside::{Outlines, tallest_m};
 use super::doubts::{mark_small, mark_towers};
 use super::parts::{PartId, Parts, without};
 use super::refinement::Refinement;
 use super::task::{Heights, MethodSettings, NamedCamera, Task};
-use crate::optimise::{CalibrationRays, OptimiseConfig, Problem, Rays, Solution, Solving, ViewInput, solve};
+use crate::optimise::{
+    CalibrationRays, Former, Kept, OptimiseConfig, Problem, Rays, Solution, Solving, ViewInput, solve,
+};
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
 
@@ -60,32 +63,53 @@ impl Rounds<'_> {
         let mut parts = whole.clone();
         let mut scene = self.scene(&parts);
         let mut rays = self.untraced();
-        let mut solution = self.solve(&scene, &rays, &self.settings.optimise, &[]);
+        let mut solution = self.solve(&scene, &rays, &self.settings.optimise, None);
         let (layer_shift, level_off) = (solution.layer_shift, solution.level_off);
         if let Some(shift) = layer_shift {
             self.moved_m = shift.on_ground();
             rays = self.untraced();
-            solution = self.solve(&scene, &rays, &self.settings.search(|search| search.measure_shift = false), &[]);
+            solution = self.solve(&scene, &rays, &self.settings.search(|search| search.measure_shift = false), None);
         }
         let mut cuts = Vec::new();
+        // Positions of the parts in the solution.
+        let mut former: Vec<Option<usize>> = (0..parts.parts.len()).map(Some).collect();
+        let mut tallest = tallest_m(&parts, &solution);
         while cuts.len() < MAX_ROUNDS {
             let round = parts.cuts(scene.origin, &solution.other_levels);
-            let Some(former) = parts.split(&round) else { break };
-            let known = known_heights(&solution, &former);
+            let Some(before) = parts.split(&round) else { break };
+            former = before;
             scene = self.scene(&parts);
             rays = rays.of_other_footprints();
             cuts.push(round);
             if cuts.len() < MAX_ROUNDS {
-                solution = self.solve(&scene, &rays, &self.resumed(), &known);
+                let kept: Vec<Kept> = former.iter().map(|at| at.map_or(Kept::Nothing, Kept::Height)).collect();
+                let resumed = Former { solution: &solution, kept: &kept };
+                solution = self.solve(&scene, &rays, &self.resumed(), Some(resumed));
+                former = (0..parts.parts.len()).map(Some).collect();
             }
+            tallest_m(&parts, &solution).into_iter().for_each(|(building, height_m)| {
+                let tallest = tallest.entry(building).or_insert(0.0);
+                *tallest = tallest.max(height_m);
+            });
         }
         let keeping_whole = self.settings.search(|search| {
             search.split_levels = false;
             search.measure_shift = false;
         });
         if !cuts.is_empty() || !solution.other_levels.is_empty() {
-            // From scratch: heights found with other footprints hide what stands behind them.
-            solution = self.solve(&scene, &rays, &keeping_whole, &[]);
+            // Heights found with other footprints hide what stands behind them.
+            let is_cut = |part: usize| !parts.parts[part].path.is_empty();
+            let is_open = Outlines { scene: &scene, parts: &parts }.are_beside(is_cut, &tallest);
+            let kept: Vec<Kept> = is_open
+                .iter()
+                .zip(&former)
+                .map(|(is_open, at)| match at {
+                    Some(at) if !is_open => Kept::Height(*at),
+                    _ => Kept::Nothing,
+                })
+                .collect();
+            let from = Former { solution: &solution, kept: &kept };
+            solution = self.solve(&scene, &rays, &keeping_whole, Some(from));
         }
         let mut joined: BTreeSet<PartId> = BTreeSet::new();
         loop {
@@ -94,12 +118,24 @@ impl Rounds<'_> {
             if joined.len() == n_before {
                 break;
             }
-            parts.clone_from(&whole);
+            let before = std::mem::replace(&mut parts, whole.clone());
             cuts = cuts.iter().map(|round| without(round, &joined)).collect();
             cuts.retain(|round| parts.split(round).is_some());
             scene = self.scene(&parts);
             rays = rays.of_other_footprints();
-            solution = self.solve(&scene, &rays, &keeping_whole, &[]);
+            let former = parts.positions_in(&before);
+            let is_new = |part: usize| former[part].is_none();
+            let is_open = Outlines { scene: &scene, parts: &parts }.are_beside(is_new, &tallest);
+            let kept: Vec<Kept> = is_open
+                .iter()
+                .zip(&former)
+                .map(|(is_open, at)| match at {
+                    Some(at) if !is_open => Kept::All(*at),
+                    _ => Kept::Nothing,
+                })
+                .collect();
+            let from = Former { solution: &solution, kept: &kept };
+            solution = self.solve(&scene, &rays, &keeping_whole, Some(from));
         }
         // Photos show roofs where they are.
         move_footprints(&mut scene, &solution);
@@ -134,7 +170,7 @@ impl Rounds<'_> {
         })
     }
 
-    fn solve(&self, scene: &Scene, rays: &Rays, optimise: &OptimiseConfig, known_m: &[Option<f32>]) -> Solution {
+    fn solve(&self, scene: &Scene, rays: &Rays, optimise: &OptimiseConfig, former: Option<Former<'_>>) -> Solution {
         let &Task { views, priors, seed, progress, .. } = self.task;
         let problem = Problem {
             scene,
@@ -143,7 +179,7 @@ impl Rounds<'_> {
             without_prior: &|view| priors.absence(view),
             load_prior: &|view| priors.load(view),
             green: &|view| priors.green(view),
-            start_m: known_m,
+            former,
             seed,
             rays,
             progress,
@@ -166,12 +202,6 @@ impl Rounds<'_> {
         };
         refinement.run(self.task.views, photos, scene, parts, solution)
     }
-}
-
-/// Heights of the last pass by the parts of now, above ground, metres; `former` are their positions then.
-fn known_heights(solution: &Solution, former: &[Option<usize>]) -> Vec<Option<f32>> {
-    let last = solution.history.last().map_or(&[][..], |pass| &pass.heights_m);
-    former.iter().map(|at| last.get((*at)?).copied()).collect()
 }
 
 /// Moves footprints to where the photos show their buildings.

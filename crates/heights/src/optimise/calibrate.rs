@@ -19,6 +19,10 @@ use crate::stats;
 
 /// Rounds of re-weighting; the weights settle within ten.
 pub(super) const ROUNDS: usize = 12;
+/// A round that moves the line by less than this share of the residuals' standard deviation anywhere is the last.
+const SETTLED: f64 = 0.01;
+/// Rays that a line is fitted to, about: evenly spaced ones of all that can be used.
+const N_SAMPLES: usize = 1500;
 /// Rays below which a view cannot be calibrated.
 const MIN_RAYS: usize = 50;
 /// Fewer rays on the ground than this do not do without those on buildings.
@@ -47,7 +51,7 @@ impl Calibration {
         if samples.len() < MIN_RAYS {
             return None;
         }
-        robust_line(&samples).filter(|line| line.gain > 0.0)
+        robust_line(&thinned(samples, N_SAMPLES)).filter(|line| line.gain > 0.0)
     }
 
     pub(super) fn gain(&self) -> f64 {
@@ -85,15 +89,27 @@ fn samples(evidence: &Evidence<'_>, stops: &Stops, rays: CalibrationRays) -> Vec
     on_anything.into_iter().filter(|(is_ground, _)| *is_ground || needs_all).map(|(_, sample)| sample).collect()
 }
 
+/// Evenly spaced samples of those given, at most twice `n` of them and all where there are fewer.
+pub(super) fn thinned(samples: Vec<(f64, f64)>, n: usize) -> Vec<(f64, f64)> {
+    let step = (samples.len() / n).max(1);
+    if step == 1 { samples } else { samples.into_iter().step_by(step).collect() }
+}
+
 /// The line through the far envelope of samples `(v, p)`.
 pub(super) fn robust_line(samples: &[(f64, f64)]) -> Option<Calibration> {
     let mut fit = weighted_line(samples, |_| 1.0)?;
+    let ends =
+        samples.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], (v, _)| [low.min(*v), high.max(*v)]);
     for _ in 0..ROUNDS {
         let sigma = stats::far_side_sigma(samples.iter().map(|sample| fit.residual(sample)))?;
         if sigma <= 0.0 {
             break;
         }
-        fit = weighted_line(samples, |sample| stats::biweight(fit.residual(sample), sigma, CUT_OFF))?;
+        let before = fit;
+        fit = weighted_line(samples, |sample| stats::biweight(before.residual(sample), sigma, CUT_OFF))?;
+        if ends.iter().all(|&v| (fit.residual(&(v, 0.0)) - before.residual(&(v, 0.0))).abs() < SETTLED * sigma) {
+            break;
+        }
     }
     Some(fit)
 }

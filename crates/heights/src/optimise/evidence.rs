@@ -1,5 +1,6 @@
 //! One view as the optimiser uses it: its ray profiles, and the prior sampled along them.
 
+use std::ops::Range;
 use std::sync::OnceLock;
 
 use glam::DVec2;
@@ -16,6 +17,85 @@ use crate::render::profile::{ProfileRay, Profiles};
 /// No ray in this block of pixels.
 const NO_RAY: u32 = u32::MAX;
 
+/// A view's prior at the pixels of its rays. It does not depend on footprints, so it is sampled once.
+#[derive(Debug)]
+pub struct SampledPrior {
+    /// By block of `stride × stride` pixels, row by row: inverse depth up to an affine map; `NaN` = none.
+    nearness: Vec<f32>,
+    is_depth: bool,
+    pixel_px: f64,
+    /// How it runs along the ground, once somebody has asked.
+    fits: OnceLock<GroundFits>,
+}
+
+impl SampledPrior {
+    /// Samples a prior along a view's rays. `bleeding_px` is by how many pixels of the working image near sides bleed over
+    /// their edges, see [`super::bleed`].
+    #[must_use]
+    pub fn new(
+        placed: &PlacedCamera,
+        profiles: &Profiles,
+        prior: &DepthPrior,
+        bleeding_px: f64,
+        stride_px: usize,
+    ) -> Self {
+        let blocks = Blocks::of(placed, stride_px);
+        let along: Vec<f32> =
+            profiles.rays.par_iter().map(|ray| without_bleeding(placed, prior, ray.centre(), bleeding_px)).collect();
+        let mut nearness = vec![f32::NAN; blocks.n()];
+        for (ray, value) in profiles.rays.iter().zip(along) {
+            nearness[blocks.at(ray)] = value;
+        }
+        Self {
+            nearness,
+            is_depth: prior.kind == PriorKind::Depth,
+            pixel_px: (f64::from(placed.camera.width_px) / prior.values.width() as f64).max(1.0),
+            fits: OnceLock::new(),
+        }
+    }
+
+    /// How the prior runs along the ground of its view, where somebody has asked.
+    pub(super) fn known_fits(&self) -> Option<&GroundFits> {
+        self.fits.get()
+    }
+
+    /// How the prior runs along the ground of its view.
+    pub(super) fn fits(&self, evidence: &Evidence<'_>) -> &GroundFits {
+        self.fits.get_or_init(|| GroundFits::along_ground(evidence))
+    }
+}
+
+/// Blocks of `stride × stride` pixels of an image, row by row; each holds one ray at most.
+#[derive(Debug, Clone, Copy)]
+struct Blocks {
+    stride_px: usize,
+    wide: usize,
+    high: usize,
+}
+
+impl Blocks {
+    fn of(placed: &PlacedCamera, stride_px: usize) -> Self {
+        let [wide, high] =
+            [placed.camera.width_px, placed.camera.height_px].map(|px| (px as usize).div_ceil(stride_px));
+        Self { stride_px, wide, high }
+    }
+
+    fn n(self) -> usize {
+        self.wide * self.high
+    }
+
+    /// Column and row of the block that a ray belongs to.
+    fn place(self, ray: &ProfileRay) -> [usize; 2] {
+        ray.pixel.map(|p| usize::from(p) / self.stride_px)
+    }
+
+    /// Position of that block.
+    fn at(self, ray: &ProfileRay) -> usize {
+        let [col, row] = self.place(ray);
+        row * self.wide + col
+    }
+}
+
 /// A view with its prior.
 #[derive(Debug, Clone)]
 pub struct Evidence<'a> {
@@ -23,8 +103,6 @@ pub struct Evidence<'a> {
     pub profiles: &'a Profiles,
     /// Per ray: the prior as something that grows towards the camera (inverse depth up to an affine map); `NaN` = none.
     pub nearness: Vec<f32>,
-    /// Per ray: the prior as something that grows away from the camera, as the paper's D; `NaN` = none.
-    pub farness: Vec<f32>,
     /// Per ray: whether the photo shows the green of leaves there; empty where that is not known, or it does so nowhere.
     green: Vec<bool>,
     /// Whether the prior is depth, of which `nearness` is the inverse.
@@ -40,65 +118,81 @@ pub struct Evidence<'a> {
     /// Which rays cross the footprint of `crossed[i]`: `rays_of[start[i]..start[i + 1]]`.
     start: Vec<u32>,
     rays_of: Vec<u32>,
-    /// Ray of each block of `stride × stride` pixels, row by row, or [`NO_RAY`].
-    blocks: Vec<u32>,
-    blocks_wide: usize,
-    stride_px: usize,
+    /// Level to which each of them sinks over the footprint, local frame, metres.
+    sinks_to: Vec<f32>,
+    blocks: Blocks,
+    /// Ray of each block, or [`NO_RAY`].
+    ray_of: Vec<u32>,
 }
 
 impl<'a> Evidence<'a> {
-    /// Samples a prior along a view's rays. `bleeding_px` is by how many pixels of the working image near sides bleed over
-    /// their edges, see [`super::bleed`].
+    /// From a prior that was sampled along the same view's rays, through whatever footprints.
     #[must_use]
-    pub fn new(
-        placed: &PlacedCamera,
-        profiles: &'a Profiles,
-        prior: &DepthPrior,
-        bleeding_px: f64,
-        stride_px: usize,
-    ) -> Self {
-        let nearness: Vec<f32> =
-            profiles.rays.par_iter().map(|ray| without_bleeding(placed, prior, ray.centre(), bleeding_px)).collect();
-        let farness = nearness.iter().map(|n| farness_of(prior.kind, *n)).collect();
-
-        let mut pairs: Vec<(u32, u32)> = ray_building_pairs(profiles).map(|(ray, building)| (building, ray)).collect();
-        pairs.sort_unstable();
-        let (mut crossed, mut start) = (Vec::new(), Vec::new());
-        for (at, (building, _)) in (0..).zip(&pairs) {
-            if crossed.last() != Some(building) {
-                crossed.push(*building);
-                start.push(at);
-            }
-        }
-        start.push(pairs.len() as u32);
-        let rays_of = pairs.into_iter().map(|(_, ray)| ray).collect();
-
-        let blocks_wide = (placed.camera.width_px as usize).div_ceil(stride_px);
-        let blocks_high = (placed.camera.height_px as usize).div_ceil(stride_px);
-        let mut blocks = vec![NO_RAY; blocks_wide * blocks_high];
+    pub fn new(placed: &PlacedCamera, profiles: &'a Profiles, prior: &SampledPrior, stride_px: usize) -> Self {
+        let blocks = Blocks::of(placed, stride_px);
+        let mut ray_of = vec![NO_RAY; blocks.n()];
         for (ray, r) in (0..).zip(&profiles.rays) {
-            let [col, row] = r.pixel.map(|p| usize::from(p) / stride_px);
-            blocks[row * blocks_wide + col] = ray;
+            ray_of[blocks.at(r)] = ray;
         }
-        let on_ground = OnceLock::new();
-        let (green, was_bent) = (Vec::new(), false);
-        let pixel_px = (f64::from(placed.camera.width_px) / prior.values.width() as f64).max(1.0);
+        let FootprintRays { crossed, start, rays_of, sinks_to } = FootprintRays::of(profiles);
         Self {
             profiles,
-            nearness,
-            farness,
-            green,
-            is_depth: prior.kind == PriorKind::Depth,
-            was_bent,
-            pixel_px,
-            on_ground,
+            nearness: profiles.rays.iter().map(|ray| prior.nearness[blocks.at(ray)]).collect(),
+            green: Vec::new(),
+            is_depth: prior.is_depth,
+            was_bent: false,
+            pixel_px: prior.pixel_px,
+            on_ground: OnceLock::new(),
             crossed,
             start,
             rays_of,
+            sinks_to,
             blocks,
-            blocks_wide,
-            stride_px,
+            ray_of,
         }
+    }
+
+    /// The same evidence along rays of the same pixels that run elsewhere.
+    #[must_use]
+    pub fn along<'b>(&self, profiles: &'b Profiles) -> Evidence<'b> {
+        let Self { blocks, is_depth, was_bent, pixel_px, .. } = *self;
+        let mut ray_of = vec![NO_RAY; blocks.n()];
+        let same: Vec<Option<usize>> = (0..)
+            .zip(&profiles.rays)
+            .map(|(ray, r)| {
+                let at = blocks.at(r);
+                ray_of[at] = ray;
+                (self.ray_of[at] != NO_RAY).then_some(self.ray_of[at] as usize)
+            })
+            .collect();
+        let FootprintRays { crossed, start, rays_of, sinks_to } = FootprintRays::of(profiles);
+        let green = if self.sees_green() {
+            same.iter().map(|same| same.is_some_and(|ray| self.green[ray])).collect()
+        } else {
+            Vec::new()
+        };
+        Evidence {
+            profiles,
+            nearness: same.iter().map(|same| same.map_or(f32::NAN, |ray| self.nearness[ray])).collect(),
+            green,
+            is_depth,
+            was_bent,
+            pixel_px,
+            on_ground: OnceLock::new(),
+            crossed,
+            start,
+            rays_of,
+            sinks_to,
+            blocks,
+            ray_of,
+        }
+    }
+
+    /// The prior along a ray as something that grows away from the camera, as the paper's D; `NaN` = none.
+    #[must_use]
+    pub fn farness(&self, ray: usize) -> f32 {
+        let kind = if self.is_depth && !self.was_bent { PriorKind::Depth } else { PriorKind::InverseDepth };
+        farness_of(kind, self.nearness[ray])
     }
 
     /// Samples what pixels of the view's photo are green, of whatever size it is.
@@ -129,7 +223,6 @@ impl<'a> Evidence<'a> {
     pub(super) fn straighten(&mut self, fits: &GroundFits, shape: PriorShape) {
         let Some(curve) = fits.curve(shape) else { return };
         self.nearness.iter_mut().for_each(|p| *p = curve.inverse_depth(f64::from(*p)) as f32);
-        self.farness = self.nearness.iter().map(|n| farness_of(PriorKind::InverseDepth, *n)).collect();
         self.was_bent = true;
     }
 
@@ -143,16 +236,27 @@ impl<'a> Evidence<'a> {
     /// The area of the image that so many of the rays stand for, pixels squared.
     #[must_use]
     pub fn area_px(&self, n_rays: usize) -> f64 {
-        (n_rays * self.stride_px * self.stride_px) as f64
+        (n_rays * self.blocks.stride_px * self.blocks.stride_px) as f64
     }
 
     /// The rays that cross a building's footprint below its greatest height, ascending.
     #[must_use]
     pub fn rays_of(&self, building: u32) -> &[u32] {
-        match self.crossed.binary_search(&building) {
-            Ok(at) => &self.rays_of[self.start[at] as usize..self.start[at + 1] as usize],
-            Err(_) => &[],
-        }
+        &self.rays_of[self.positions(building)]
+    }
+
+    /// Those of them that come below a level within the footprint, local frame, metres.
+    #[must_use]
+    pub fn rays_below(&self, building: u32, z: f32) -> Vec<u32> {
+        let positions = self.positions(building);
+        let of_building = self.rays_of[positions.clone()].iter().zip(&self.sinks_to[positions]);
+        of_building.filter(|(_, to)| **to < z).map(|(ray, _)| *ray).collect()
+    }
+
+    /// Positions of a building's rays in the list of all.
+    fn positions(&self, building: u32) -> Range<usize> {
+        let of = |at: usize| self.start[at] as usize..self.start[at + 1] as usize;
+        self.crossed.binary_search(&building).map_or(0..0, of)
     }
 
     /// The buildings whose footprints some rays cross, ascending.
@@ -164,23 +268,21 @@ impl<'a> Evidence<'a> {
     /// Some rays and those within `dilate_px` of one of them, ascending.
     #[must_use]
     pub fn rays_around(&self, own: &[u32], dilate_px: usize) -> Vec<u32> {
-        let pixel_of = |ray: u32| self.profiles.rays[ray as usize].pixel;
-        let block_of = |pixel: [u16; 2]| pixel.map(|p| usize::from(p) / self.stride_px);
-        let reach = dilate_px.div_ceil(self.stride_px);
-        let blocks_high = self.blocks.len() / self.blocks_wide;
+        let place_of = |ray: u32| self.blocks.place(&self.profiles.rays[ray as usize]);
+        let Blocks { stride_px, wide, high } = self.blocks;
+        let reach = dilate_px.div_ceil(stride_px);
         let Some(first) = own.first() else { return Vec::new() };
-        let bounds = own.iter().map(|&r| pixel_of(r)).fold([pixel_of(*first); 2], |[low, high], p| {
+        let bounds = own.iter().map(|&r| place_of(r)).fold([place_of(*first); 2], |[low, high], p| {
             [[low[0].min(p[0]), low[1].min(p[1])], [high[0].max(p[0]), high[1].max(p[1])]]
         });
-        let bounds = bounds.map(block_of);
         let low = bounds[0].map(|c| c.saturating_sub(reach));
-        let high = [(bounds[1][0] + reach).min(self.blocks_wide - 1), (bounds[1][1] + reach).min(blocks_high - 1)];
+        let high = [(bounds[1][0] + reach).min(wide - 1), (bounds[1][1] + reach).min(high - 1)];
         let (width, height) = (high[0] - low[0] + 1, high[1] - low[1] + 1);
 
         // Dilation by a square, one axis after the other.
         let mut across = vec![0_u16; width * height];
         for &ray in own {
-            let [col, row] = block_of(pixel_of(ray));
+            let [col, row] = place_of(ray);
             let (from, to) = (col.saturating_sub(reach).max(low[0]), (col + reach).min(high[0]));
             across[(row - low[1]) * width..][from - low[0]..=to - low[0]].fill(1);
         }
@@ -195,7 +297,7 @@ impl<'a> Evidence<'a> {
                 n_near.iter_mut().zip(row_of(row - 2 * reach - 1)).for_each(|(n, filled)| *n -= filled);
             }
             let Some(middle) = row.checked_sub(reach) else { continue };
-            let blocks = &self.blocks[(middle + low[1]) * self.blocks_wide + low[0]..][..width];
+            let blocks = &self.ray_of[(middle + low[1]) * wide + low[0]..][..width];
             rays.extend(blocks.iter().zip(&n_near).filter(|&(&ray, &n)| n > 0 && ray != NO_RAY).map(|(&ray, _)| ray));
         }
         rays
@@ -248,11 +350,50 @@ fn without_bleeding(placed: &PlacedCamera, prior: &DepthPrior, pixel: DVec2, ble
     extreme
 }
 
-/// Each (ray, building) once, by ray.
-fn ray_building_pairs(profiles: &Profiles) -> impl Iterator<Item = (u32, u32)> + '_ {
-    (0..profiles.rays.len()).flat_map(|ray| {
+/// Rays by the footprint that they cross.
+struct FootprintRays {
+    crossed: Vec<u32>,
+    start: Vec<u32>,
+    rays_of: Vec<u32>,
+    sinks_to: Vec<f32>,
+}
+
+impl FootprintRays {
+    fn of(profiles: &Profiles) -> Self {
+        let n_buildings = profiles.highest_building().map_or(0, |last| last as usize + 1);
+        let mut n_rays = vec![0_u32; n_buildings];
+        for (_, building, _) in crossings(profiles) {
+            n_rays[building as usize] += 1;
+        }
+        let crossed: Vec<u32> = (0..).zip(&n_rays).filter(|(_, n)| **n > 0).map(|(building, _)| building).collect();
+        let mut start = vec![0];
+        let mut next = vec![0_usize; n_buildings];
+        for &building in &crossed {
+            let before = start[start.len() - 1];
+            next[building as usize] = before as usize;
+            start.push(before + n_rays[building as usize]);
+        }
+        let n = start[crossed.len()] as usize;
+        let (mut rays_of, mut sinks_to) = (vec![0; n], vec![0.0; n]);
+        for (ray, building, to) in crossings(profiles) {
+            let at = &mut next[building as usize];
+            (rays_of[*at], sinks_to[*at]) = (ray, to);
+            *at += 1;
+        }
+        Self { crossed, start, rays_of, sinks_to }
+    }
+}
+
+/// Each ray and building once, by ray, with the level to which the ray sinks over the footprint.
+fn crossings(profiles: &Profiles) -> impl Iterator<Item = (u32, u32, f32)> + '_ {
+    (0..profiles.rays.len()).flat_map(move |ray| {
         let intervals = profiles.intervals(ray);
-        let is_first = move |i: &usize| intervals[..*i].iter().all(|c| c.building != intervals[*i].building);
-        (0..intervals.len()).filter(is_first).map(move |i| (ray as u32, intervals[i].building))
+        // By where they begin: the last one of a footprint ends last.
+        let is_last = move |i: &usize| intervals[i + 1..].iter().all(|c| c.building != intervals[*i].building);
+        let crossing = move |i: usize| {
+            let over = intervals[i];
+            (ray as u32, over.building, profiles.level(ray, over.leave))
+        };
+        (0..intervals.len()).filter(is_last).map(crossing)
     })
 }

@@ -34,10 +34,11 @@ const MAX_VIEWS: usize = 16;
 const N_HEIGHTS: usize = 7;
 const HEIGHTS_M: f32 = 1.5;
 /// First step of the search, metres, if not a pixel of the working image on the ground; rounds of it at most, and the share of a step
-/// within which it has come to rest.
+/// within which it has come to rest: the peak then lies between scores that are known. Delft's surface and two towns: 0.3 gives the
+/// same heights, and takes 5 % more processor time over Delft.
 const STEP_M: f64 = 0.4;
 const MAX_ROUNDS: usize = 8;
-const AT_REST: f64 = 0.3;
+const AT_REST: f64 = 0.75;
 /// Longest shift that is believed, metres, and as a share of the width, the root of the area: farther away stands something else.
 const LONGEST_M: f64 = 2.5;
 const LONGEST_SHARE: f64 = 0.25;
@@ -103,9 +104,10 @@ pub(super) struct SettledScene<'a> {
 }
 
 impl SettledScene<'_> {
-    /// By building, how far its footprint is off; `None` where it fits, or too little is seen to say.
-    pub fn footprint_shifts(&self) -> Vec<Option<FootprintShift>> {
-        let blocks = blocks(&self.scene.prisms);
+    /// By building, how far its footprint is off; `None` where it fits, too little is seen to say, or no building of its block is asked for.
+    pub fn footprint_shifts(&self, is_asked: impl Fn(usize) -> bool) -> Vec<Option<FootprintShift>> {
+        let mut blocks = blocks(&self.scene.prisms);
+        blocks.retain(|block| block.iter().any(|&b| is_asked(b)));
         let measured: Vec<Option<Measured>> = blocks.par_iter().map(|block| self.block(block).measure()).collect();
         let lone_m = blocks.iter().zip(&measured).filter(|(block, _)| block.len() == 1);
         let lone_m: Vec<f64> = lone_m.filter_map(|(_, measured)| Some(measured.as_ref()?.way.z)).collect();

@@ -13,6 +13,8 @@ pub(super) struct FormedRoof {
     ground_z: f32,
     /// Level beside all planes, above the ground, metres.
     beside_m: f64,
+    /// Highest and lowest level above the ground, metres.
+    range_m: [f64; 2],
 }
 
 impl FormedRoof {
@@ -20,12 +22,22 @@ impl FormedRoof {
     pub fn of(prism: &Prism, roof: Option<Roof>) -> Option<Self> {
         let roof = roof.filter(|roof| roof.form != RoofForm::Flat)?;
         let planes = RoofPlanes::of(&roof, prism)?;
-        Some(Self { planes, ground_z: prism.ground_z, beside_m: roof.eave_m })
+        let gable_eave_m = roof.terrace.and_then(|terrace| terrace.gable).map_or(f64::INFINITY, |gable| gable.eave_m);
+        let levels_m = [roof.eave_m, roof.ridge_m, roof.eave_m.min(gable_eave_m)];
+        let range_m = [
+            levels_m.into_iter().fold(f64::NEG_INFINITY, f64::max),
+            levels_m.into_iter().fold(f64::INFINITY, f64::min),
+        ];
+        Some(Self { planes, ground_z: prism.ground_z, beside_m: roof.eave_m, range_m })
     }
 }
 
 impl RoofSurface for FormedRoof {
     fn level(&self, at: Vec2) -> f32 {
         self.ground_z + self.planes.height_m(at.as_dvec2()).unwrap_or(self.beside_m) as f32
+    }
+
+    fn range_z(&self) -> [f32; 2] {
+        self.range_m.map(|level_m| self.ground_z + level_m as f32)
     }
 }

@@ -81,8 +81,10 @@ pub fn inspect(
         .par_iter()
         .filter_map(|&view| {
             let prior = (problem.load_prior)(view).ok()?;
-            let mut evidence = problem.evidence(view, &prior, solution.bleeding_of(view), config.stride_px);
-            evidence.straighten(&GroundFits::along_ground(&evidence), solution.prior_shape);
+            let prior = problem.sampled(view, &prior, solution.bleeding_of(view), config.stride_px);
+            let mut evidence = problem.evidence(view, &prior, config.stride_px);
+            let fits = GroundFits::along_ground(&evidence);
+            evidence.straighten(&fits, solution.prior_shape);
             Some((view, evidence))
         })
         .collect();

@@ -6,6 +6,8 @@
 //! d*   = place of its maximum, by parabolas along east and north, in rounds;   σ: leaving out one building at a time
 //! ```
 //!
+//! A first search along every [`THIN`]th ray that comes to rest clearly nearer than what is told is the last.
+//!
 //! Seen from all sides a footprint that is off shows: what stands out does so beside it, on the same side of the map in every photo.
 //! Seen from one side it would pass for another height, so only buildings with photos from around them are asked.
 
@@ -17,12 +19,10 @@ use serde::{Deserialize, Serialize};
 
 use super::config::SearchConfig;
 use super::evidence::Evidence;
-use super::rays::Rays;
 use super::search::{Finding, Range, SearchPass, SweepView, SweepViews, find_roofs, sweep};
 use super::shift::{PeakSearch, evenly_around, lead_all_around};
 use super::solve::{Problem, ViewInput};
-use super::straighten::{GroundFits, PriorShape};
-use crate::prior::DepthPrior;
+use crate::render::profile::{CappedScene, Profiles};
 use crate::stats::jackknife_sigma;
 
 /// Buildings that are asked at most, and views of each.
@@ -39,8 +39,11 @@ const STEP_M: f64 = 1.0;
 /// Rounds of the search at most, and the share of a step within which it has come to rest.
 const MAX_ROUNDS: usize = 12;
 const AT_REST: f64 = 0.5;
-/// Least distance that is told, metres, if not three standard deviations.
+/// The first search takes one ray of so many.
+const THIN: usize = 3;
+/// Least distance that is told: metres, if not so many standard deviations.
 const LEAST_SHIFT_M: f64 = 0.75;
+const SIGMAS: f64 = 3.0;
 /// Least share of the buildings that are explained better there, whatever the forms of their roofs.
 const MIN_AGREEING: f64 = 0.7;
 
@@ -75,26 +78,30 @@ pub struct LevelOff {
 struct ShiftTrial<'a> {
     problem: &'a Problem<'a>,
     config: &'a SearchConfig,
-    stride_px: usize,
     heights_m: &'a [f32],
     views_of: Vec<Vec<usize>>,
-    priors: BTreeMap<usize, DepthPrior>,
-    /// Whether priors are straightened along the ground.
-    shape: PriorShape,
+    /// By view, where photos and footprints stand as they are.
+    evidence: BTreeMap<usize, &'a Evidence<'a>>,
+    capped: CappedScene,
+    /// One ray of so many takes part.
+    thin: usize,
 }
 
 /// Measures how far the photos lie from the footprints with the heights as they stand; `None` where they fit, or too little is seen
 /// to say.
 pub(super) fn measure(
     problem: &Problem<'_>,
+    evidence: &[Option<Evidence<'_>>],
     views_of: &[Vec<usize>],
     heights_m: &[f32],
-    shape: PriorShape,
-    stride_px: usize,
     config: &SearchConfig,
 ) -> Option<LayerShift> {
-    let (trial, asked) = ShiftTrial::new(problem, views_of, heights_m, shape, stride_px, config)?;
-    trial.search(&asked, STEP_M.max(pixel_on_ground_m(problem, &trial.views_of)))
+    let (trial, asked, step_m) = ShiftTrial::new(problem, evidence, views_of, heights_m, config)?;
+    let (peak, sigma_m) = trial.peak(&asked, step_m)?;
+    if peak.length() + SIGMAS * sigma_m < LEAST_SHIFT_M {
+        return None;
+    }
+    ShiftTrial { thin: 1, ..trial }.search(&asked, step_m)
 }
 
 /// Measures how far the ground lies above or below its given level; `None` where it fits, or too little is seen to say.
@@ -103,14 +110,13 @@ pub(super) fn measure(
 /// foot is drawn too high in every photo, whereas the depth's jump at the roof's edge is as high as the building.
 pub(super) fn measure_level(
     problem: &Problem<'_>,
+    evidence: &[Option<Evidence<'_>>],
     views_of: &[Vec<usize>],
     heights_m: &[f32],
-    shape: PriorShape,
-    stride_px: usize,
     config: &SearchConfig,
 ) -> Option<LevelOff> {
-    let (trial, asked) = ShiftTrial::new(problem, views_of, heights_m, shape, stride_px, config)?;
-    trial.search_level(&asked, STEP_M.max(pixel_on_ground_m(problem, &trial.views_of)))
+    let (trial, asked, step_m) = ShiftTrial::new(problem, evidence, views_of, heights_m, config)?;
+    trial.search_level(&asked, step_m)
 }
 
 /// Views of the buildings that are asked, from all around them; none for the others.
@@ -157,24 +163,24 @@ fn pixel_on_ground_m(problem: &Problem<'_>, views_of: &[Vec<usize>]) -> f64 {
 }
 
 impl<'a> ShiftTrial<'a> {
-    /// A trial, and the buildings that are asked.
+    /// A trial with few of the rays, the buildings that are asked, and the first step, metres.
     fn new(
         problem: &'a Problem<'a>,
+        evidence: &'a [Option<Evidence<'a>>],
         views_of: &[Vec<usize>],
         heights_m: &'a [f32],
-        shape: PriorShape,
-        stride_px: usize,
         config: &'a SearchConfig,
-    ) -> Option<(Self, Vec<usize>)> {
+    ) -> Option<(Self, Vec<usize>, f64)> {
         let views_of = sample(problem, views_of);
         let asked: Vec<usize> = (0..views_of.len()).filter(|&b| !views_of[b].is_empty()).collect();
         if asked.len() < MIN_BUILDINGS {
             return None;
         }
         let views: BTreeSet<usize> = views_of.iter().flatten().copied().collect();
-        let load = |view: usize| Some((view, (problem.load_prior)(view).ok()?));
-        let priors = views.into_par_iter().filter_map(load).collect();
-        Some((Self { problem, config, stride_px, heights_m, views_of, priors, shape }, asked))
+        let evidence = views.into_iter().filter_map(|view| Some((view, evidence[view].as_ref()?))).collect();
+        let step_m = STEP_M.max(pixel_on_ground_m(problem, &views_of));
+        let capped = CappedScene::new(problem.scene);
+        Some((Self { problem, config, heights_m, views_of, evidence, capped, thin: THIN }, asked, step_m))
     }
 
     fn search_level(&self, asked: &[usize], step_m: f64) -> Option<LevelOff> {
@@ -183,7 +189,7 @@ impl<'a> ShiftTrial<'a> {
         let peak_m = (around + cross.to_peak(|_| true)).z;
         let without: Vec<f64> = (0..asked.len()).map(|out| (around + cross.to_peak(|i| i != out)).z).collect();
         let sigma_m = jackknife_sigma(&without)?;
-        if peak_m.abs() < LEAST_LEVEL_M.max(3.0 * sigma_m) {
+        if peak_m.abs() < LEAST_LEVEL_M.max(SIGMAS * sigma_m) {
             return None;
         }
         let (here, there) = (self.scores(DVec3::ZERO, asked), self.scores(peak_m * DVec3::Z, asked));
@@ -193,15 +199,20 @@ impl<'a> ShiftTrial<'a> {
         is_told.then_some(LevelOff { up_m: -peak_m, sigma_m, n_buildings: asked.len() })
     }
 
-    fn search(&self, asked: &[usize], step_m: f64) -> Option<LayerShift> {
+    /// The place where the scores have their peak, and its standard deviation, metres.
+    fn peak(&self, asked: &[usize], step_m: f64) -> Option<(DVec2, f64)> {
         let search = PeakSearch { axes: &[DVec3::X, DVec3::Y], step_m, at_rest: AT_REST, max_rounds: MAX_ROUNDS };
         let (around, cross) = search.run(|d| self.scores(d, asked))?;
         let peak = (around + cross.to_peak(|_| true)).truncate();
         let without: Vec<DVec2> =
             (0..asked.len()).map(|out| (around + cross.to_peak(|i| i != out)).truncate()).collect();
         let sigma_of = |axis: fn(&DVec2) -> f64| jackknife_sigma(&without.iter().map(axis).collect::<Vec<_>>());
-        let sigma_m = sigma_of(|d| d.x)?.max(sigma_of(|d| d.y)?);
-        if peak.length() < LEAST_SHIFT_M.max(3.0 * sigma_m) {
+        Some((peak, sigma_of(|d| d.x)?.max(sigma_of(|d| d.y)?)))
+    }
+
+    fn search(&self, asked: &[usize], step_m: f64) -> Option<LayerShift> {
+        let (peak, sigma_m) = self.peak(asked, step_m)?;
+        if peak.length() < LEAST_SHIFT_M.max(SIGMAS * sigma_m) {
             return None;
         }
         // Houses that all have a low annex on the same side seem to be off, too, until their roofs may have two levels.
@@ -232,18 +243,18 @@ impl<'a> ShiftTrial<'a> {
     /// Hands the views, all moved by `by_m`, and what a local sweep finds in them to `look`.
     fn moved<T>(&self, by_m: DVec3, look: impl FnOnce(SweepViews<'_>, &[Option<Finding>]) -> T) -> T {
         let views: Vec<ViewInput> = self.problem.views.iter().map(|v| v.moved(by_m)).collect();
-        let rays = Rays::new(views.len(), self.stride_px);
-        let problem = Problem { views: &views, rays: &rays, ..*self.problem };
-        let evidence: BTreeMap<usize, Evidence<'_>> = self
-            .priors
+        let scene = self.problem.scene;
+        let profiles: BTreeMap<usize, Profiles> = self
+            .evidence
             .par_iter()
-            .map(|(&view, prior)| {
-                let mut evidence = problem.evidence(view, prior, 0.0, self.stride_px);
-                evidence.straighten(&GroundFits::along_ground(&evidence), self.shape);
-                (view, evidence)
+            .map(|(&view, evidence)| {
+                let pixels: Vec<[u16; 2]> =
+                    evidence.profiles.rays.iter().map(|ray| ray.pixel).step_by(self.thin).collect();
+                (view, Profiles::through(scene, &self.capped, &views[view].placed, &pixels))
             })
             .collect();
-        let scene = problem.scene;
+        let evidence: BTreeMap<usize, Evidence<'_>> =
+            profiles.par_iter().map(|(view, profiles)| (*view, self.evidence[view].along(profiles))).collect();
         let roofs = scene.roofs(self.heights_m);
         let sweep_view = |view: usize| {
             let evidence = evidence.get(&view)?;

@@ -82,10 +82,9 @@ pub(super) fn find(
     views: SweepViews<'_>,
     views_of: ViewsOf<'_>,
     heights_m: &[f32],
-    known_m: &[Option<f32>],
+    is_known: &(dyn Fn(usize) -> bool + Sync),
     config: &SearchConfig,
 ) -> Vec<OtherLevel> {
-    let is_known = |building: usize| known_m.get(building).copied().flatten().is_some();
     let middle = |building: usize| scene.prisms[building].centre_at(0.0).truncate();
     let parts: Vec<Vec2> = (0..scene.prisms.len()).filter(|&b| !is_known(b)).map(middle).collect();
     let is_near_part = |building| parts.iter().any(|part| part.distance(middle(building)) <= NEAR_M);

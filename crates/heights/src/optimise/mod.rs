@@ -54,5 +54,5 @@ pub use planes::{RoofPlane, RoofPlanes, Rule};
 pub use rays::Rays;
 pub use roof::{Gable, Roof, Terrace, candidates};
 pub use solution::{Doubts, EpochRecord, Reason, Solution, SolvedHeight};
-pub use solve::{Problem, Solving, ViewInput, WithoutPrior, first_selection, solve};
+pub use solve::{Former, Kept, Problem, Solving, ViewInput, WithoutPrior, first_selection, solve};
 pub use straighten::PriorShape;

@@ -139,17 +139,30 @@ pub(super) struct Costs {
     pub n: usize,
     paid: f64,
     of_none: f64,
+    /// Cost if the building were lower, and higher.
+    moved: [f64; 2],
 }
 
 impl AddAssign for Costs {
     fn add_assign(&mut self, other: Self) {
-        *self = Self { n: self.n + other.n, paid: self.paid + other.paid, of_none: self.of_none + other.of_none };
+        *self = Self {
+            n: self.n + other.n,
+            paid: self.paid + other.paid,
+            of_none: self.of_none + other.of_none,
+            moved: [0, 1].map(|way| self.moved[way] + other.moved[way]),
+        };
     }
 }
 
 impl Costs {
-    fn add(&mut self, pair: &PixelPair, compared: &ComparedPixels) {
-        *self += Self { n: 1, paid: f64::from(pair.cost(compared)), of_none: f64::from(pair.vote.cost_of_none()) };
+    fn of(pair: &PixelPair, compared: &ComparedPixels) -> Self {
+        let paid = f64::from(pair.cost(compared));
+        Self { n: 1, paid, of_none: f64::from(pair.vote.cost_of_none()), moved: [paid; 2] }
+    }
+
+    /// By how much a pair would cost more if the building were lower, and if it were higher, mean.
+    pub fn rises(&self) -> [f64; 2] {
+        self.moved.map(|moved| (moved - self.paid) / self.n as f64)
     }
 
     /// Whether the order is no better than none; not where nothing was compared.
@@ -158,21 +171,31 @@ impl Costs {
     }
 }
 
-/// Cost of random pairs of one view that have a vote: all of them, and by building those that show it. `None` where
-/// nothing can be compared.
+/// Cost of random pairs of one view that have a vote: all of them, and by building those that show it. Each building is tried lower and
+/// higher too, by `moves_m`, metres. `None` where nothing can be compared.
 pub(super) fn costs(
     evidence: &Evidence<'_>,
     roofs: &[f32],
+    moves_m: &[f32],
     config: &OrdinalConfig,
     rng: &mut ChaCha8Rng,
 ) -> Option<(Costs, BTreeMap<u32, Costs>)> {
     let compared = ComparedPixels::new(evidence, roofs, config.region)?;
     let (mut of_view, mut of_building) = (Costs::default(), BTreeMap::<u32, Costs>::new());
     for pair in draw_pairs(&compared, config, rng) {
-        of_view.add(&pair, &compared);
+        let as_found = Costs::of(&pair, &compared);
+        of_view += as_found;
         let [of_p, of_q] = [pair.p, pair.q].map(|at| compared.building[at]);
         for building in of_p.into_iter().chain(of_q.filter(|_| of_q != of_p)) {
-            of_building.entry(building).or_default().add(&pair, &compared);
+            let (roof_z, by_m) = (roofs[building as usize], moves_m[building as usize]);
+            let moved = [roof_z - by_m, roof_z + by_m].map(|roof_z| {
+                let depth =
+                    |at: usize| evidence.profiles.sight_with(compared.rays[at] as usize, roofs, building, roof_z).depth;
+                let cost = f64::from(pair.vote.cost(compared.of_rendered.contrast(depth(pair.p), depth(pair.q))));
+                // Behind a lowered building may lie ground that is not known.
+                if cost.is_finite() { cost } else { as_found.paid }
+            });
+            *of_building.entry(building).or_default() += Costs { moved, ..as_found };
         }
     }
     Some((of_view, of_building))
@@ -201,7 +224,8 @@ impl ComparedPixels {
             of_prior: no_scale,
             of_rendered: no_scale,
         };
-        for (ray_idx, &prior) in evidence.farness.iter().enumerate() {
+        for ray_idx in 0..profiles.rays.len() {
+            let prior = evidence.farness(ray_idx);
             let sight = profiles.sight(ray_idx, roofs);
             let is_compared = match region {
                 Region::Buildings => sight.building.is_some(),

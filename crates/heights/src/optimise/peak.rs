@@ -13,6 +13,11 @@
 const SAME_M: f32 = 2.0;
 const SAME_SHARE: f32 = 0.25;
 
+/// Distance from a height at which another answer begins, metres.
+pub(super) fn reach_m(height_m: f32) -> f32 {
+    SAME_M + SAME_SHARE * height_m
+}
+
 /// Heights over the full range, ascending, metres, and the mean score of each.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ScoreCurve(pub Vec<(f32, f64)>);
@@ -37,7 +42,7 @@ impl ScoreCurve {
 
     /// By how much the score is better than at every other answer.
     pub fn lead(&self, height_m: f32) -> Option<f64> {
-        let is_other = |h: f32| (h - height_m).abs() > SAME_M + SAME_SHARE * height_m;
+        let is_other = |h: f32| (h - height_m).abs() > reach_m(height_m);
         let others = self.0.iter().filter(|(h, _)| is_other(*h));
         let other = others.map(|(_, score)| *score).reduce(f64::max)?;
         Some(self.at(height_m)? - other)

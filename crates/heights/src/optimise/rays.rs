@@ -1,7 +1,8 @@
-//! The rays of a problem's views, each view's traced when first asked for, and kept while its footprints change.
+//! The rays of a problem's views, each view's traced when first asked for, and the priors along them: both are kept while footprints change.
 
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+use super::evidence::SampledPrior;
 use super::solve::{Problem, ViewInput};
 use crate::render::profile::{CappedScene, ProfileRay, Profiles, Sampling};
 
@@ -17,6 +18,8 @@ struct ViewRays {
     profiles: OnceLock<Profiles>,
     /// Places where the rays meet the ground, from a scene with other footprints; taken when they are traced.
     on_ground: Mutex<Option<Vec<ProfileRay>>>,
+    /// The view's prior, once loaded.
+    prior: OnceLock<Arc<SampledPrior>>,
 }
 
 impl Rays {
@@ -33,14 +36,24 @@ impl Rays {
     pub fn of_other_footprints(self) -> Self {
         let keep = |view: ViewRays| {
             let known = view.profiles.into_inner().map(|profiles| profiles.rays);
-            ViewRays { profiles: OnceLock::new(), on_ground: Mutex::new(known) }
+            ViewRays { profiles: OnceLock::new(), on_ground: Mutex::new(known), prior: view.prior }
         };
         Self { capped: OnceLock::new(), views: self.views.into_iter().map(keep).collect(), ..self }
     }
 
+    /// The prior of a view, by its position, where it has been loaded.
+    pub(super) fn prior(&self, view: usize) -> Option<&Arc<SampledPrior>> {
+        self.views[view].prior.get()
+    }
+
+    /// Keeps the prior of a view. Returns the one that is kept.
+    pub(super) fn keep_prior(&self, view: usize, prior: SampledPrior) -> &Arc<SampledPrior> {
+        self.views[view].prior.get_or_init(|| Arc::new(prior))
+    }
+
     /// The profiles of a view of their problem, by its position.
     pub(super) fn of(&self, problem: &Problem<'_>, view: usize) -> &Profiles {
-        let ViewRays { profiles, on_ground } = &self.views[view];
+        let ViewRays { profiles, on_ground, .. } = &self.views[view];
         profiles.get_or_init(|| {
             let Problem { scene, seed, .. } = *problem;
             let capped = self.capped.get_or_init(|| CappedScene::new(scene));

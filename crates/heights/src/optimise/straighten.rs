@@ -19,7 +19,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::calibrate::{CUT_OFF, ROUNDS, robust_line};
+use super::calibrate::{CUT_OFF, Calibration, ROUNDS, robust_line, thinned};
 use super::evidence::Evidence;
 use crate::stats;
 
@@ -27,6 +27,8 @@ use crate::stats;
 const N_KNOTS: usize = 12;
 /// Rays below which a view's ground tells nothing of a curve.
 const MIN_RAYS: usize = 600;
+/// Rays that curves are fitted to, about: each knot has 200 and more, and the ground between them is smooth.
+const N_SAMPLES: usize = 2400;
 /// A curve is taken where it leaves less than this share of what a line leaves.
 const MUCH_LESS: f64 = 0.5;
 /// A curve that strays by less than this share of its rise from a line (root of the mean square at the knots) is one. The
@@ -81,6 +83,9 @@ pub struct GroundFits {
 }
 
 impl GroundFits {
+    /// None.
+    pub(super) const NONE: Self = Self { shifted: None, shifted_share: None, bent: None };
+
     /// Fits along the ground of a view; none where the photo shows too little ground.
     #[must_use]
     pub fn along_ground(evidence: &Evidence<'_>) -> Self {
@@ -90,8 +95,10 @@ impl GroundFits {
         if samples.len() < MIN_RAYS {
             return Self::default();
         }
-        let shifted = evidence.is_depth.then(|| shifted_depth(&samples)).flatten();
-        let bent = Polyline::fit(samples).map(GroundCurve::Bent);
+        let samples = thinned(samples, N_SAMPLES);
+        let line = robust_line(&samples);
+        let shifted = evidence.is_depth.then(|| shifted_depth(&samples, line)).flatten();
+        let bent = line.and_then(|line| Polyline::fit(samples, line)).map(GroundCurve::Bent);
         let (shifted, shifted_share) = shifted.unzip();
         Self { shifted, shifted_share, bent }
     }
@@ -144,26 +151,23 @@ impl GroundCurve {
 
 /// The scale and shift of depth along the far envelope of (inverse depth of the ground, inverse prior), and the share that they leave
 /// of what a line in inverse depth leaves.
-fn shifted_depth(samples: &[(f64, f64)]) -> Option<(GroundCurve, f64)> {
-    // Both as errors of depth, in parts of it: the prior's scale cancels.
-    let left = |samples: &[(f64, f64)]| {
-        let line = robust_line(samples).filter(|line| line.gain() > 0.0)?;
+fn shifted_depth(samples: &[(f64, f64)], line: Option<Calibration>) -> Option<(GroundCurve, f64)> {
+    let is_rising = |line: &Calibration| line.gain() > 0.0;
+    // As errors of depth, in parts of it: the prior's scale cancels.
+    let left = |samples: &[(f64, f64)], line: Calibration| {
         let left = samples.iter().map(|s| line.residual(s) / (line.gain() * s.0).abs());
-        Some((line, stats::far_side_sigma(left).unwrap_or(0.0)))
+        stats::far_side_sigma(left).unwrap_or(0.0)
     };
     let depths: Vec<(f64, f64)> = samples.iter().map(|(v, p)| (-v.recip(), -p.recip())).collect();
-    let (by_depth, left_by_depth) = left(&depths)?;
-    let share = left(samples).map_or(0.0, |(_, left_by_line)| (left_by_depth + EXACT) / (left_by_line + EXACT));
+    let by_depth = robust_line(&depths).filter(is_rising)?;
+    let left_by_depth = left(&depths, by_depth);
+    let share = line.filter(is_rising).map_or(0.0, |line| (left_by_depth + EXACT) / (left(samples, line) + EXACT));
     Some((GroundCurve::ShiftedDepth { scale: by_depth.gain(), shift: -by_depth.offset() }, share))
 }
 
 impl Polyline {
-    /// Through the far envelope of (inverse depth of the ground, prior), where that is a bent line.
-    fn fit(mut samples: Vec<(f64, f64)>) -> Option<Self> {
-        if samples.len() < MIN_RAYS {
-            return None;
-        }
-        let line = robust_line(&samples)?;
+    /// Through the far envelope of (inverse depth of the ground, prior), where that is no `line`.
+    fn fit(mut samples: Vec<(f64, f64)>, line: Calibration) -> Option<Self> {
         let left_by_line = stats::far_side_sigma(samples.iter().map(|s| line.residual(s)))?;
 
         samples.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
@@ -235,10 +239,19 @@ mod tests {
         (0..9000).map(of).collect()
     }
 
+    fn fit(samples: Vec<(f64, f64)>) -> Option<Polyline> {
+        let line = robust_line(&samples)?;
+        Polyline::fit(samples, line)
+    }
+
+    fn shifted(samples: &[(f64, f64)]) -> Option<(GroundCurve, f64)> {
+        shifted_depth(samples, robust_line(samples))
+    }
+
     #[test]
     fn a_root_and_a_cube_come_out_straight() {
         for power in [0.33, 3.0] {
-            let curve = Polyline::fit(samples(|v| 7.0 * (v - 0.0049).powf(power) - 2.0)).unwrap();
+            let curve = fit(samples(|v| 7.0 * (v - 0.0049).powf(power) - 2.0)).unwrap();
             for v in [1.0 / 180.0, 1.0 / 140.0, 1.0 / 100.0, 1.0 / 85.0] {
                 let found = GroundCurve::Bent(curve.clone()).inverse_depth(7.0 * (v - 0.0049_f64).powf(power) - 2.0);
                 assert!((found - v).abs() < 0.02 * v, "power {power}: {found} is not {v}");
@@ -250,30 +263,30 @@ mod tests {
     fn depth_stretched_to_0_and_1_comes_out_straight_and_depth_up_to_scale_is_left_alone() {
         let stretched = |v: f64| ((v.recip() - 60.0) / 150.0).recip();
         let noise = |v: f64| 1.0 + 0.01 * (v * 1e7).sin();
-        let (curve, share) = shifted_depth(&samples(|v| stretched(v * noise(v)))).unwrap();
+        let (curve, share) = shifted(&samples(|v| stretched(v * noise(v)))).unwrap();
         assert!(share < SHIFTED_SHARE, "{share}");
         for v in [1.0 / 180.0, 1.0 / 140.0, 1.0 / 100.0, 1.0 / 75.0] {
             let found = curve.inverse_depth(stretched(v));
             assert!((found - v).abs() < 0.01 * v, "{found} is not {v}");
         }
-        let (_, share) = shifted_depth(&samples(|v| 7.0 * v * noise(v))).unwrap();
+        let (_, share) = shifted(&samples(|v| 7.0 * v * noise(v))).unwrap();
         assert!(share > SHIFTED_SHARE, "{share}");
     }
 
     #[test]
     fn a_line_is_left_alone_whatever_stands_on_the_ground() {
-        assert_eq!(Polyline::fit(samples(|v| 7.0 * v - 2.0)), None);
+        assert_eq!(fit(samples(|v| 7.0 * v - 2.0)), None);
     }
 
     #[test]
     fn noise_makes_no_curve_and_hides_a_slight_one() {
         let noise = |v: f64| 1e-3 * (v * 1e7).sin();
-        assert_eq!(Polyline::fit(samples(|v| v + noise(v))), None);
-        assert_eq!(Polyline::fit(samples(|v| v.powf(1.2) + noise(v))), None);
+        assert_eq!(fit(samples(|v| v + noise(v))), None);
+        assert_eq!(fit(samples(|v| v.powf(1.2) + noise(v))), None);
     }
 
     #[test]
     fn a_prior_that_falls_towards_the_camera_is_not_turned_round() {
-        assert_eq!(Polyline::fit(samples(|v| -v.sqrt())), None);
+        assert_eq!(fit(samples(|v| -v.sqrt())), None);
     }
 }

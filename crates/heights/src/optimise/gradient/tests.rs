@@ -5,7 +5,7 @@ use rand::Rng;
 use crate::camera::Camera;
 use crate::frames::Rigid;
 use crate::optimise::config::{Gradient, MadGradient, OrdinalConfig, Region};
-use crate::optimise::evidence::Evidence;
+use crate::optimise::evidence::{Evidence, SampledPrior};
 use crate::optimise::gradient::edge_sampled::EdgeInput;
 use crate::optimise::ordinal::{ComparedPixels, OrderVote, PixelPair, StepInput, draw_pairs, view_step};
 use crate::prior::{DepthPrior, PriorGeometry, PriorKind};
@@ -55,7 +55,8 @@ impl TestTown {
     }
 
     fn evidence(&self, stride_px: usize) -> Evidence<'_> {
-        Evidence::new(&self.placed, &self.profiles, &self.prior, 0.0, stride_px)
+        let prior = SampledPrior::new(&self.placed, &self.profiles, &self.prior, 0.0, stride_px);
+        Evidence::new(&self.placed, &self.profiles, &prior, stride_px)
     }
 
     fn gradient(&self, evidence: &Evidence<'_>, difference_m: f32, config: &OrdinalConfig) -> Vec<f64> {
@@ -169,12 +170,12 @@ impl<'a> ExpectedLoss<'a> {
         let compared = ComparedPixels::new(evidence, roofs, config.region).unwrap();
         let profiles = evidence.profiles;
         let pool: Vec<u32> = (0..profiles.rays.len() as u32)
-            .filter(|r| !profiles.intervals(*r as usize).is_empty() && evidence.farness[*r as usize].is_finite())
+            .filter(|r| !profiles.intervals(*r as usize).is_empty() && evidence.farness(*r as usize).is_finite())
             .collect();
         let mut rng = seed::stream(11, "common pairs", &[]);
         let draw = |_| {
             let [p, q] = [0; 2].map(|_| pool[rng.random_range(0..pool.len())]);
-            let [d_p, d_q] = [p, q].map(|r| compared.of_prior.apply(evidence.farness[r as usize]));
+            let [d_p, d_q] = [p, q].map(|r| compared.of_prior.apply(evidence.farness(r as usize)));
             Some((p, q, OrderVote::of(d_p, d_q, config)?))
         };
         let pairs = (0..n_pairs).filter_map(draw).collect();

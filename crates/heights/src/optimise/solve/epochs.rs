@@ -10,11 +10,17 @@ use crate::optimise::config::{Gradient, Loss, OrdinalConfig, StepOn};
 use crate::optimise::gradient::edge_sampled::EdgeInput;
 use crate::optimise::gradient::sum_by_building;
 use crate::optimise::ordinal::{Costs, StepInput, ViewStep, costs, view_step};
+use crate::optimise::peak::reach_m;
 use crate::optimise::regression;
+use crate::optimise::roof::is_clear;
 use crate::optimise::schedule::Step;
+use crate::optimise::solution::Reason;
 use crate::scene::HeightBounds;
 use crate::seed;
 use crate::views::Selection;
+
+/// A height agrees with the priors where the next lower and higher answers cost more, by so many standard errors over views.
+const STANDARD_ERRORS: f64 = 2.0;
 
 impl SolverState<'_> {
     pub(super) fn run_ordinal(&mut self) {
@@ -47,33 +53,51 @@ impl SolverState<'_> {
             self.record(crate::stats::mean(&losses).unwrap_or(0.0), &before, selection.views.len(), active);
         }
         if config.loss == Loss::Ordinal {
-            self.is_in_wrong_order = self.wrong_orders(&selection);
+            self.order_doubts = self.order_doubts(&selection);
         }
         (self.problem.progress)(Solving::Epochs, config.epochs, config.epochs);
     }
 
-    /// By building: whether the order that it stands in is no better than none, with the heights as they are. That is where
-    /// its pairs cost on average as much as if each were rendered at one depth, or more; and where most of its pairs are of
-    /// views of which that holds as a whole: to be in order with what is itself misplaced says nothing of a height.
-    fn wrong_orders(&self, selection: &Selection) -> Vec<bool> {
+    /// By building: what its pairs have against its height, with the heights as they are.
+    ///
+    /// Its order is wrong where its pairs cost on average as much as if each were rendered at one depth, or more; and where
+    /// most of its pairs are of views of which that holds as a whole: to be in order with what is itself misplaced says nothing of a
+    /// height. Its height agrees with the priors beyond chance where its pairs cost more if it were lower, and more if it were higher: by
+    /// more than [`STANDARD_ERRORS`] over views.
+    fn order_doubts(&self, selection: &Selection) -> Vec<Option<Reason>> {
         let config = &self.config.ordinal;
         let roofs = self.problem.scene.roofs(&self.heights_m);
+        let moves_m: Vec<f32> = self.heights_m.iter().map(|&height_m| reach_m(height_m)).collect();
         let mut own = vec![Costs::default(); self.heights_m.len()];
+        // By building and view: what it would cost more lower, and higher.
+        let mut rises = vec![[Vec::new(), Vec::new()]; self.heights_m.len()];
         // Pairs of each building, and those of them in views that are in the wrong order.
         let mut n_pairs = vec![[0_usize; 2]; self.heights_m.len()];
         for &view in &selection.views {
             let Some(evidence) = &self.evidence[view] else { continue };
             let mut rng = seed::stream(self.problem.seed, "pairs at the end", &[self.problem.views[view].key]);
-            let Some((of_view, of_building)) = costs(evidence, &roofs, config, &mut rng) else { continue };
+            let Some((of_view, of_building)) = costs(evidence, &roofs, &moves_m, config, &mut rng) else { continue };
             let is_wrong = of_view.are_no_better_than_none();
             for (building, paid) in of_building {
                 own[building as usize] += paid;
+                let by_way = &mut rises[building as usize];
+                by_way.iter_mut().zip(paid.rises()).for_each(|(of_views, rise)| of_views.push(rise));
                 let [n, n_wrong] = &mut n_pairs[building as usize];
                 (*n, *n_wrong) = (*n + paid.n, *n_wrong + if is_wrong { paid.n } else { 0 });
             }
         }
-        let is_wrong = |(own, [n, n_wrong]): (Costs, [usize; 2])| own.are_no_better_than_none() || 2 * n_wrong > n;
-        own.into_iter().zip(n_pairs).map(is_wrong).collect()
+        let doubt = |((own, [n, n_wrong]), rises): ((Costs, [usize; 2]), [Vec<f64>; 2])| {
+            let is_clear = |rises: &[f64]| is_clear(rises, 0.0, STANDARD_ERRORS);
+            let falls = rises.each_ref().map(|rises| rises.iter().map(|rise| -rise).collect::<Vec<f64>>());
+            if own.are_no_better_than_none() || 2 * n_wrong > n {
+                Some(Reason::WrongOrder)
+            } else if falls.iter().any(|falls| is_clear(falls)) {
+                Some(Reason::OtherHeight)
+            } else {
+                (!rises.iter().all(|rises| is_clear(rises))).then_some(Reason::FlatScore)
+            }
+        };
+        own.into_iter().zip(n_pairs).zip(rises).map(doubt).collect()
     }
 
     /// One step along the sum of some views' losses; what each view had to say.

@@ -14,14 +14,14 @@ use rayon::prelude::*;
 
 use super::config::{OptimiseConfig, Preset};
 use super::disagreeing::DisagreeingView;
-use super::evidence::Evidence;
+use super::evidence::{Evidence, SampledPrior};
 use super::footprint_shift::FootprintShift;
 use super::layer_shift::{LayerShift, LevelOff};
 use super::levels::OtherLevel;
 use super::rays::Rays;
 use super::roof::Judged;
 use super::search::Finding;
-use super::solution::{EpochRecord, Solution};
+use super::solution::{EpochRecord, Reason, Solution};
 use super::straighten::PriorShape;
 use crate::prior::DepthPrior;
 use crate::raster::Raster;
@@ -75,14 +75,42 @@ pub struct Problem<'a> {
     pub load_prior: &'a (dyn Fn(usize) -> Result<DepthPrior, String> + Sync),
     /// Pixels of a view's photo, by its position, that are as green as leaves, at any size; `None` where that is not known.
     pub green: &'a (dyn Fn(usize) -> Option<Arc<Raster<bool>>> + Sync),
-    /// By building: its height above ground in an earlier solution of almost the same scene, metres; may be empty.
-    pub start_m: &'a [Option<f32>],
+    /// An earlier solution to go on from.
+    pub former: Option<Former<'a>>,
     /// Root seed of all random streams.
     pub seed: u64,
     /// The views' rays through the scene, traced by need.
     pub rays: &'a Rays,
     /// Told what is going on, how much of it is done and how much there is.
     pub progress: &'a (dyn Fn(Solving, usize, usize) + Sync),
+}
+
+/// An earlier solution of almost the same scene, in the same views (`robust` only).
+#[derive(Clone, Copy)]
+pub struct Former<'a> {
+    /// The solution of that scene.
+    pub solution: &'a Solution,
+    /// By building of this scene: what is kept of it.
+    pub kept: &'a [Kept],
+}
+
+/// What is kept of an earlier solution for one building.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kept {
+    /// Nothing: its height is searched for from the start.
+    Nothing,
+    /// The height of the building at this position: of the full sweeps it takes part in the last one.
+    Height(usize),
+    /// All that was found for the building at this position: it is not searched for again.
+    All(usize),
+}
+
+impl Former<'_> {
+    /// Height that a former building was left with by the last pass, above ground, metres.
+    #[must_use]
+    pub fn height_m(&self, former: usize) -> Option<f32> {
+        self.solution.history.last()?.heights_m.get(former).copied()
+    }
 }
 
 /// Work of a solver.
@@ -121,16 +149,40 @@ pub fn first_selection(problem: &Problem<'_>, config: &OptimiseConfig) -> Vec<us
 }
 
 impl<'a> Problem<'a> {
+    /// What is kept of an earlier solution for a building.
+    pub(super) fn kept(&self, building: usize) -> Kept {
+        self.former.map_or(Kept::Nothing, |former| former.kept[building])
+    }
+
+    /// Whether a building is searched for, and not taken from an earlier solution.
+    pub(super) fn is_searched(&self, building: usize) -> bool {
+        !matches!(self.kept(building), Kept::All(_))
+    }
+
     /// Rays of a view, given by its position among the views.
     #[must_use]
     pub fn profiles(&self, view: usize) -> &'a Profiles {
         self.rays.of(self, view)
     }
 
-    /// A view with its prior, sampled along its rays.
-    pub(super) fn evidence(&self, view: usize, prior: &DepthPrior, bleeding_px: f64, stride_px: usize) -> Evidence<'a> {
+    /// A view's prior, loaded and sampled along its rays when first asked for; the text says why it cannot be.
+    pub(super) fn prior(&self, view: usize, stride_px: usize) -> Result<&'a SampledPrior, String> {
+        if let Some(known) = self.rays.prior(view) {
+            return Ok(known);
+        }
+        let prior = (self.load_prior)(view)?;
+        Ok(self.rays.keep_prior(view, self.sampled(view, &prior, 0.0, stride_px)))
+    }
+
+    /// A prior along the rays of its view, without what its near sides bleed over their edges, pixels of the working image.
+    pub(super) fn sampled(&self, view: usize, prior: &DepthPrior, bleeding_px: f64, stride_px: usize) -> SampledPrior {
+        SampledPrior::new(&self.views[view].placed, self.profiles(view), prior, bleeding_px, stride_px)
+    }
+
+    /// A view with its prior.
+    pub(super) fn evidence(&self, view: usize, prior: &SampledPrior, stride_px: usize) -> Evidence<'a> {
         let placed = &self.views[view].placed;
-        let mut evidence = Evidence::new(placed, self.profiles(view), prior, bleeding_px, stride_px);
+        let mut evidence = Evidence::new(placed, self.profiles(view), prior, stride_px);
         if let Some(green) = (self.green)(view) {
             evidence.see_green(placed, &green);
         }
@@ -164,8 +216,8 @@ struct SolverState<'a> {
     findings: Vec<Option<Finding>>,
     /// By building: whether the ordinal loss ever had a slope by its height.
     is_voted_on: Vec<bool>,
-    /// By building: whether the heights as found leave its pixels in the wrong order (`paper`).
-    is_in_wrong_order: Vec<bool>,
+    /// By building: what its pairs have against its height (`paper`).
+    order_doubts: Vec<Option<Reason>>,
     roofs: Vec<Judged>,
     /// By building: the area above its roof that no view has looked through, metres squared (`robust`).
     blind_m2: Vec<f64>,
@@ -184,6 +236,15 @@ struct SolverState<'a> {
     prior_shape: Option<PriorShape>,
 }
 
+/// By view: whether its prior was found to disagree in an earlier solution.
+fn disagreeing_before(problem: &Problem<'_>, n_views: usize) -> Vec<Option<DisagreeingView>> {
+    let mut disagreeing = vec![None; n_views];
+    for found in problem.former.iter().flat_map(|former| &former.solution.disagreeing_views) {
+        disagreeing[found.view] = Some(found.clone());
+    }
+    disagreeing
+}
+
 impl<'a> SolverState<'a> {
     fn new(problem: &'a Problem<'a>, config: &'a OptimiseConfig) -> Self {
         let (n_views, n_buildings) = (problem.views.len(), problem.scene.prisms.len());
@@ -196,12 +257,12 @@ impl<'a> SolverState<'a> {
             config,
             evidence: (0..n_views).map(|_| None).collect(),
             failed: (0..n_views).map(why).collect(),
-            disagreeing: vec![None; n_views],
+            disagreeing: disagreeing_before(problem, n_views),
             views_config,
             heights_m: vec![0.0; n_buildings],
             findings: vec![None; n_buildings],
             is_voted_on: vec![false; n_buildings],
-            is_in_wrong_order: vec![false; n_buildings],
+            order_doubts: vec![None; n_buildings],
             roofs: vec![Judged::default(); n_buildings],
             blind_m2: vec![0.0; n_buildings],
             is_green: vec![false; n_buildings],
@@ -212,7 +273,11 @@ impl<'a> SolverState<'a> {
             layer_shift: None,
             level_off: None,
             footprint_shifts: vec![None; n_buildings],
-            prior_shape: if config.may_straighten() { None } else { Some(PriorShape::Line) },
+            prior_shape: if config.may_straighten() {
+                problem.former.map(|former| former.solution.prior_shape)
+            } else {
+                Some(PriorShape::Line)
+            },
         }
     }
 
@@ -225,9 +290,18 @@ impl<'a> SolverState<'a> {
                     epochs::initial_heights(self.problem.seed, bounds, &self.config.ordinal, self.heights_m.len());
             }
             Preset::Robust => {
-                for (b, height_m) in self.heights_m.iter_mut().enumerate() {
-                    let known_m = self.problem.start_m.get(b).copied().flatten();
-                    *height_m = known_m.unwrap_or(self.config.search.start_height_m).clamp(bounds.min_m, bounds.max_m);
+                let problem = self.problem;
+                for b in 0..self.heights_m.len() {
+                    let known_m = problem.former.and_then(|former| match former.kept[b] {
+                        Kept::Nothing => None,
+                        Kept::Height(at) => former.height_m(at),
+                        Kept::All(at) => {
+                            self.roofs[b].roof = former.solution.heights[at].roof;
+                            former.height_m(at)
+                        }
+                    });
+                    let height_m = known_m.unwrap_or(self.config.search.start_height_m);
+                    self.heights_m[b] = height_m.clamp(bounds.min_m, bounds.max_m);
                 }
             }
         }

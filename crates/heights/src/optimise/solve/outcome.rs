@@ -1,6 +1,8 @@
 //! What is said of each building in the end.
 
-use super::SolverState;
+use std::collections::BTreeMap;
+
+use super::{Kept, SolverState};
 use crate::optimise::config::{CalibrationRays, Preset};
 use crate::optimise::roof::Roof;
 use crate::optimise::search::Finding;
@@ -19,12 +21,25 @@ const BLIND_SHARE: f64 = 0.15;
 const BLIND_M2: f64 = 30.0;
 impl SolverState<'_> {
     pub(super) fn into_solution(self) -> Solution {
-        let heights = (0..self.heights_m.len()).map(|b| self.solved(b)).collect();
-        let used_views: Vec<usize> = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();
-        let bleedings_px: Vec<f64> = used_views.iter().map(|&v| self.bleeding_px[v]).collect();
+        let former = self.problem.former;
+        let kept = |b: usize| match (former, self.problem.kept(b)) {
+            (Some(former), Kept::All(at)) => Some(&former.solution.heights[at]),
+            _ => None,
+        };
+        let n = self.heights_m.len();
+        let heights = (0..n).map(|b| kept(b).map_or_else(|| self.solved(b), SolvedHeight::clone)).collect();
+        // Views and their states that kept heights rest on.
+        let before = former.map(|former| former.solution).filter(|_| (0..n).any(|b| kept(b).is_some()));
+        let mut used: BTreeMap<usize, f64> =
+            before.iter().flat_map(|of| of.used_views.iter().map(|&v| (v, of.bleeding_of(v)))).collect();
+        used.extend((0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).map(|v| (v, self.bleeding_px[v])));
+        let (used_views, bleedings_px): (Vec<usize>, Vec<f64>) = used.into_iter().unzip();
         let bleeding_px = crate::stats::median(&bleedings_px).unwrap_or(0.0);
-        let failed_views = self.failed.iter().enumerate().filter_map(|(v, why)| Some((v, why.clone()?))).collect();
+        let mut failed_views: BTreeMap<usize, String> =
+            before.iter().flat_map(|of| of.failed_views.iter().cloned()).collect();
+        failed_views.extend(self.failed.iter().enumerate().filter_map(|(v, why)| Some((v, why.clone()?))));
         let n_straightened = self.evidence.iter().flatten().filter(|evidence| evidence.was_bent).count();
+        let n_straightened = before.map_or(0, |of| of.n_straightened).max(n_straightened);
         let other_levels = self.other_levels;
         Solution {
             heights,
@@ -38,7 +53,7 @@ impl SolverState<'_> {
             level_off: self.level_off,
             other_levels,
             disagreeing_views: self.disagreeing.into_iter().flatten().collect(),
-            failed_views,
+            failed_views: failed_views.into_iter().collect(),
         }
     }
 
@@ -106,9 +121,6 @@ impl SolverState<'_> {
         if finding.is_some_and(|f| f.contrast < FLAT_SCORE) {
             reasons.push(Reason::FlatScore);
         }
-        if self.is_in_wrong_order[building] {
-            reasons.push(Reason::WrongOrder);
-        }
         let spread_m = finding.and_then(|f| f.sigma_m);
         if finding.is_some_and(is_conflicting) {
             reasons.push(Reason::ConflictingViews);
@@ -151,6 +163,9 @@ impl SolverState<'_> {
         solved.keep_within(bounds, self.config.height_reference);
         if finding.is_some_and(|f| f.is_like_ground) {
             solved.doubt(Reason::NothingStandsHere);
+        }
+        if let Some(reason) = self.order_doubts[building] {
+            solved.doubt(reason);
         }
         solved
     }

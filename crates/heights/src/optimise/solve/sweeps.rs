@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use rayon::prelude::*;
 
 use super::outcome::is_hopeless;
-use super::{Problem, SolverState, Solving};
+use super::{Kept, Problem, SolverState, Solving};
 use crate::optimise::config::CalibrationRays;
 use crate::optimise::disagreeing::disagreeing;
 use crate::optimise::empty_space::{self, FoundView, KnownRays};
@@ -38,28 +38,33 @@ impl SolverState<'_> {
             if i % config.reselect_every.max(1) == 0 {
                 n_selected = self.reselect().views.len();
             }
-            self.sweep(|_| true, SearchPass::linear(Range::Full), n_selected);
+            let is_last = i + 1 == config.full_sweeps;
+            let problem = self.problem;
+            let is_asked = |b: usize| match problem.kept(b) {
+                Kept::Nothing => true,
+                Kept::Height(_) => is_last,
+                Kept::All(_) => false,
+            };
+            self.sweep(is_asked, SearchPass::linear(Range::Full), n_selected);
         }
         n_selected = self.replace_disagreeing(n_selected);
         if config.measure_shift {
-            let shape = self.prior_shape.unwrap_or_default();
-            let stride_px = self.config.stride_px;
             self.layer_shift =
-                layer_shift::measure(self.problem, &self.views_of, &self.heights_m, shape, stride_px, config);
+                layer_shift::measure(self.problem, &self.evidence, &self.views_of, &self.heights_m, config);
             if self.layer_shift.is_some() {
                 return; // to be solved again with photos and footprints in one place
             }
             // Depth in metres shows the ground itself.
             if config.calibrate_on != CalibrationRays::None {
-                let heights_m = &self.heights_m;
                 self.level_off =
-                    layer_shift::measure_level(self.problem, &self.views_of, heights_m, shape, stride_px, config);
+                    layer_shift::measure_level(self.problem, &self.evidence, &self.views_of, &self.heights_m, config);
             }
         }
         if config.split_levels {
-            let (views, known_m) = (self.sweep_views(), self.problem.start_m);
+            let views = self.sweep_views();
+            let is_known = |b: usize| self.problem.kept(b) != Kept::Nothing;
             self.other_levels =
-                levels::find(self.problem.scene, &views, &self.views_of, &self.heights_m, known_m, config);
+                levels::find(self.problem.scene, &views, &self.views_of, &self.heights_m, &is_known, config);
             if !self.other_levels.is_empty() {
                 return; // to be solved again with these footprints split
             }
@@ -71,7 +76,8 @@ impl SolverState<'_> {
             (self.problem.progress)(Solving::Epochs, config.full_sweeps + i, n_sweeps);
             let is_rank = i >= config.local_sweeps.saturating_sub(config.rank_sweeps);
             let correlation = if is_rank { Correlation::Rank } else { Correlation::Linear };
-            self.sweep(|_| true, SearchPass { range: local(i), correlation }, n_selected);
+            let problem = self.problem;
+            self.sweep(|b| problem.is_searched(b), SearchPass { range: local(i), correlation }, n_selected);
         }
         let views = self.sweep_views();
         let views_of = |b: usize| self.views_of[b].iter().filter_map(|&v| views[v].as_ref());
@@ -80,7 +86,8 @@ impl SolverState<'_> {
         drop(views);
         self.is_green = is_green;
         if !config.roof_forms.is_empty() {
-            self.find_roofs(|_| true);
+            let problem = self.problem;
+            self.find_roofs(|b| problem.is_searched(b));
             if self.roofs.iter().any(|judged| judged.roof.is_some()) {
                 self.leap_beside_roofs(n_selected);
                 if config.roof_sweeps > 0 {
@@ -113,7 +120,8 @@ impl SolverState<'_> {
             }
             n_selected = self.reselect().views.len();
             self.findings.fill(None);
-            self.sweep(|_| true, SearchPass::linear(Range::Full), n_selected);
+            let problem = self.problem;
+            self.sweep(|b| problem.is_searched(b), SearchPass::linear(Range::Full), n_selected);
         }
         n_selected
     }
@@ -165,14 +173,16 @@ impl SolverState<'_> {
         let n_before = config.full_sweeps + config.local_sweeps;
         for i in 0..config.roof_sweeps {
             (self.problem.progress)(Solving::Epochs, n_before + i, n_before + config.roof_sweeps);
-            self.sweep(|_| true, SearchPass { range: local(i), correlation }, n_selected);
+            let problem = self.problem;
+            self.sweep(|b| problem.is_searched(b), SearchPass { range: local(i), correlation }, n_selected);
         }
         for (b, (height_m, finding)) in before.into_iter().enumerate() {
             if self.findings[b].as_ref().is_some_and(is_hopeless) {
                 (self.heights_m[b], self.findings[b]) = (height_m, finding);
             }
         }
-        self.find_roofs(|_| true);
+        let problem = self.problem;
+        self.find_roofs(|b| problem.is_searched(b));
     }
 
     /// Measures how far single footprints are off; the heights of those that lie elsewhere are settled again there.
@@ -180,7 +190,8 @@ impl SolverState<'_> {
         let (scene, config) = (self.problem.scene, &self.config.search);
         let views = self.sweep_views();
         let (views_of, heights_m) = (&self.views_of[..], &self.heights_m[..]);
-        let shifts = SettledScene { scene, views: &views, views_of, heights_m, config }.footprint_shifts();
+        let is_asked = |b: usize| self.problem.is_searched(b);
+        let shifts = SettledScene { scene, views: &views, views_of, heights_m, config }.footprint_shifts(is_asked);
         drop(views);
         self.footprint_shifts = shifts;
         let is_moved: Vec<bool> =
@@ -239,23 +250,28 @@ impl SolverState<'_> {
     fn correct_edge_bleeding(&mut self) {
         let used: Vec<usize> = (0..self.evidence.len()).filter(|&v| self.evidence[v].is_some()).collect();
         let edges = bleed::Edges::new(self.problem.scene, &self.heights_m);
-        let bleeding_of = |&v: &usize| {
-            let (Some(evidence), Ok(prior)) = (&self.evidence[v], (self.problem.load_prior)(v)) else {
-                return 0.0;
-            };
+        let shape = self.prior_shape.unwrap_or_default();
+        let without_bleeding = |&v: &usize| {
+            let evidence = self.evidence[v].as_ref()?;
+            let prior = (self.problem.load_prior)(v).ok()?;
             let seen = evidence.crossed().iter().map(|&b| b as usize);
-            bleed::bleeding_px(&edges.offsets(&self.problem.views[v].placed, &prior, seen))
-        };
-        let bleedings_px: Vec<f64> = used.par_iter().map(bleeding_of).collect();
-        let mut changed = Vec::new();
-        for (&v, bleeding_px) in used.iter().zip(bleedings_px) {
-            if bleeding_px.abs() >= MIN_BLEEDING_PX {
-                self.bleeding_px[v] = bleeding_px;
-                self.evidence[v] = None;
-                changed.push(v);
+            let bleeding_px = bleed::bleeding_px(&edges.offsets(&self.problem.views[v].placed, &prior, seen));
+            if bleeding_px.abs() < MIN_BLEEDING_PX {
+                return None;
             }
+            let cut_back = self.problem.sampled(v, &prior, bleeding_px, self.config.stride_px);
+            let mut cut_back = self.problem.evidence(v, &cut_back, self.config.stride_px);
+            // Along the ground it runs as it did.
+            if let Some(fits) = self.problem.rays.prior(v).and_then(|as_loaded| as_loaded.known_fits()) {
+                cut_back.straighten(fits, shape);
+            }
+            Some((v, bleeding_px, cut_back))
+        };
+        let changed: Vec<_> = used.par_iter().filter_map(without_bleeding).collect();
+        for (v, bleeding_px, cut_back) in changed {
+            self.bleeding_px[v] = bleeding_px;
+            self.evidence[v] = Some(cut_back);
         }
-        self.load(&changed);
     }
 
     /// Every view with a prior, with the roofs as they stand: levels at first, later those that have been found.

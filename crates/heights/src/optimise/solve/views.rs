@@ -1,5 +1,7 @@
 //! Which views take part: selection for the present heights, and loading the priors that it asks for.
 
+use std::collections::BTreeSet;
+
 use glam::DVec3;
 use rand::Rng as _;
 use rayon::prelude::*;
@@ -8,6 +10,9 @@ use super::{SolverState, Solving, ViewInput};
 use crate::optimise::straighten::{GroundFits, PriorShape};
 use crate::seed;
 use crate::views::{CandidateView, Choice, Selection, Visibility, drawn, in_turn, select, select_each, visibility};
+
+/// Of a view that is not straightened.
+static NO_FITS: GroundFits = GroundFits::NONE;
 
 impl SolverState<'_> {
     /// Selects views that see the buildings.
@@ -20,7 +25,7 @@ impl SolverState<'_> {
         let candidates: Vec<CandidateView> =
             views.iter().map(|v| CandidateView { eye: v.placed.eye(), key: v.key }).collect();
         let centres: Vec<DVec3> = (0..n_buildings).map(|b| self.centre(b)).collect();
-        match self.views_config.choice {
+        let mut selection = match self.views_config.choice {
             Choice::Cover => select(&self.views_config, visibilities, &stations, &axes, n_buildings),
             Choice::Each => select_each(&self.views_config, visibilities, &candidates, &centres),
             Choice::Random => {
@@ -28,7 +33,14 @@ impl SolverState<'_> {
                 let keys: Vec<u64> = views.iter().map(draw).collect();
                 drawn(&self.views_config, visibilities, &keys, n_buildings)
             }
+        };
+        let kept: Vec<usize> = (0..n_buildings).filter(|&b| !self.problem.is_searched(b)).collect();
+        if !kept.is_empty() {
+            kept.into_iter().for_each(|b| selection.views_of_building[b].clear());
+            let needed: BTreeSet<usize> = selection.views_of_building.iter().flatten().copied().collect();
+            selection.views = needed.into_iter().collect();
         }
+        selection
     }
 
     /// Selects views for the present heights and loads the priors that are new; a view whose prior cannot be loaded is
@@ -68,7 +80,8 @@ impl SolverState<'_> {
     pub(super) fn load(&mut self, views: &[usize]) {
         let mut new: Vec<usize> =
             views.iter().copied().filter(|&v| self.evidence[v].is_none() && self.failed[v].is_none()).collect();
-        for (v, why) in (self.problem.expect_priors)(&new) {
+        let unknown: Vec<usize> = new.iter().copied().filter(|&v| self.problem.rays.prior(v).is_none()).collect();
+        for (v, why) in (self.problem.expect_priors)(&unknown) {
             self.failed[v] = Some(why);
         }
         new.retain(|&v| self.failed[v].is_none());
@@ -76,10 +89,10 @@ impl SolverState<'_> {
         let loaded: Vec<_> = new
             .par_iter()
             .map(|&v| {
-                let evidence = (self.problem.load_prior)(v).map(|prior| {
-                    let evidence = self.problem.evidence(v, &prior, self.bleeding_px[v], self.config.stride_px);
+                let evidence = self.problem.prior(v, self.config.stride_px).map(|prior| {
+                    let evidence = self.problem.evidence(v, prior, self.config.stride_px);
                     let is_line = self.prior_shape == Some(PriorShape::Line);
-                    let fits = if is_line { GroundFits::default() } else { GroundFits::along_ground(&evidence) };
+                    let fits = if is_line { &NO_FITS } else { prior.fits(&evidence) };
                     (evidence, fits)
                 });
                 let done = n_done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
@@ -87,7 +100,7 @@ impl SolverState<'_> {
                 evidence
             })
             .collect();
-        let fits: Vec<_> = loaded.iter().flatten().map(|(_, fits)| fits).collect();
+        let fits: Vec<_> = loaded.iter().flatten().map(|(_, fits)| *fits).collect();
         // The first photos whose priors could be loaded decide for all.
         if self.prior_shape.is_none() && !fits.is_empty() {
             self.prior_shape = Some(PriorShape::of(&fits));
@@ -96,7 +109,7 @@ impl SolverState<'_> {
         for (v, loaded) in new.into_iter().zip(loaded) {
             match loaded {
                 Ok((mut evidence, fits)) => {
-                    evidence.straighten(&fits, shape);
+                    evidence.straighten(fits, shape);
                     self.evidence[v] = Some(evidence);
                 }
                 Err(why) => self.failed[v] = Some(why),
