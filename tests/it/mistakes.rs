@@ -544,7 +544,7 @@ fn photos_that_are_missing_are_failed_items_of_a_tiled_run_too() {
         fs::write(scene.path(&format!("images/{stem}.jpg")), b"").unwrap();
     }
     scene.edit("sizeup.toml", |text| text.replace("path = \"sparse\"", "path = \"sparse\"\nimages = \"images\""));
-    scene.edit("sizeup.toml", |text| text.replace("[optimise]\n", "[optimise]\npolish = { enabled = false }\n"));
+    scene.edit("sizeup.toml", |text| text.replace("[optimise]\n", "[refinement]\nenabled = false\n\n[optimise]\n"));
     let outcome = scene.run(&["--tiled"]);
     assert_eq!(outcome.code, 5, "{}", outcome.stderr);
     assert!(outcome.stderr.contains("1 photo missing"), "{}", outcome.stderr);
@@ -560,7 +560,7 @@ fn photos_that_are_missing_are_failed_items() {
         fs::write(scene.path(&format!("images/{stem}.jpg")), b"").unwrap();
     }
     scene.edit("sizeup.toml", |text| text.replace("path = \"sparse\"", "path = \"sparse\"\nimages = \"images\""));
-    scene.edit("sizeup.toml", |text| text.replace("[optimise]\n", "[optimise]\npolish = { enabled = false }\n"));
+    scene.edit("sizeup.toml", |text| text.replace("[optimise]\n", "[refinement]\nenabled = false\n\n[optimise]\n"));
     let outcome = scene.run(&[]);
     assert_eq!(outcome.code, 5, "{}", outcome.stderr);
     assert_eq!(scene.json("result/summary.json")["n_photos_missing"], stems.len() / 2);

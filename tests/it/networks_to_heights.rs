@@ -181,9 +181,12 @@ fn a_network_that_takes_neighbours_and_poses_gives_heights() {
     let text = fs::read_to_string(&path).unwrap();
     let company = "licence = \"ours\"\ncompany = { n_views = 3, extrinsics = [\"extrinsics\"], intrinsics = [\"intrinsics\"], \
                    poses_output = [\"predicted_extrinsics\"] }\n";
-    let with_poses = text.replace("depth_of_brightness", "depth_of_poses").replace("licence = \"ours\"\n", company);
-    assert!(with_poses.contains("depth_of_poses") && with_poses.contains("n_views"));
-    fs::write(&path, with_poses).unwrap();
+    assert!(text.contains("depth_of_brightness"));
+    fs::write(&path, text.replace("depth_of_brightness", "depth_of_poses")).unwrap();
+    let profile = scene.path().join("painted.toml");
+    let text = fs::read_to_string(&profile).unwrap();
+    assert!(text.contains("licence = \"ours\"\n"));
+    fs::write(&profile, text.replace("licence = \"ours\"\n", company)).unwrap();
     sizeup_in(scene.path(), &["run", "sizeup.toml", "-q"]);
     let evaluated = sizeup_in(scene.path(), &["evaluate", "result/city.city.json", "truth.geojson"]);
     assert!(mean_error_m(&evaluated) < 0.7, "{}", evaluated.stdout);

@@ -144,7 +144,7 @@ fn photos_lie_under_the_map_of_a_city_in_tiles_and_one_that_changes_makes_its_pa
     let stems = scene.stems();
     stems.iter().for_each(|stem| paint(&scene, stem, [90, 120, 60]));
     scene.edit("sizeup.toml", |text| text.replace("path = \"sparse\"", "path = \"sparse\"\nimages = \"images\""));
-    scene.edit("sizeup.toml", |text| text.replace("[optimise]\n", "[optimise]\npolish = { enabled = false }\n"));
+    scene.edit("sizeup.toml", |text| text.replace("[optimise]\n", "[refinement]\nenabled = false\n\n[optimise]\n"));
     for id in plan(&scene) {
         assert!([0, 5].contains(&run_tile(&scene, &id).code));
     }

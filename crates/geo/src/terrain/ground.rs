@@ -36,17 +36,11 @@ pub enum GroundReference {
 }
 
 /// How ground levels are taken.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct GroundConfig {
     /// Which level heights count from: "lowest", "mean" or { percentile = 10 }.
     pub reference: GroundReference,
-}
-
-impl Default for GroundConfig {
-    fn default() -> Self {
-        Self { reference: GroundReference::default() }
-    }
 }
 
 /// Ground level under a footprint (map frame, metres), and what is to be said about it: a note where the terrain has
@@ -83,7 +77,7 @@ pub fn ground_under(
         let message = format!("the terrain has no value under it: its ground is taken from {distance_m:.0} m around");
         return (Some(level), Some(tell(Severity::Warning, "ground_from_around", message)));
     }
-    let message = format!("the terrain has no value under it, nor within {} m", SEARCH_M);
+    let message = format!("the terrain has no value under it, nor within {SEARCH_M} m");
     let hint = "use a terrain model that covers the building";
     (None, Some(tell(Severity::Refused, "ground_unknown", message).hint(hint)))
 }
