@@ -232,16 +232,20 @@ impl GroundTold {
         found.max_by(|a, b| (a.1 - shift_m).abs().total_cmp(&(b.1 - shift_m).abs()))
     }
 
-    /// Ground of some footprints by the squares around them, in their order.
-    pub(super) fn corrections(&self, config: &RunConfig, footprints: &FootprintStage) -> Vec<Option<GroundCorrection>> {
+    /// Ground of some footprints by the squares around them, in their order; `None` where too few are near.
+    pub(super) fn measured(&self, config: &RunConfig, footprints: &FootprintStage) -> Vec<Option<GroundCorrection>> {
         let surface = self.surface();
         let of = |polygon: &Polygon<f64>| {
             let middle = polygon.centroid()?;
             let (off_m, sigma_m) = surface.at(DVec2::new(middle.x(), middle.y()))?;
             Some(GroundCorrection::of(off_m, sigma_m.hypot(BESIDE_M), is_model(config)))
         };
-        let found: Vec<Option<GroundCorrection>> =
-            footprints.layer.footprints.par_iter().map(|footprint| of(&footprint.polygon)).collect();
+        footprints.layer.footprints.par_iter().map(|footprint| of(&footprint.polygon)).collect()
+    }
+
+    /// The same, with what is known of the others.
+    pub(super) fn corrections(&self, config: &RunConfig, footprints: &FootprintStage) -> Vec<Option<GroundCorrection>> {
+        let found = self.measured(config, footprints);
         let corrected: Vec<f64> = found.iter().flatten().map(|ground| ground.off_m.abs()).collect();
         // One height that is wrong elsewhere is not to be trusted where no photo shows the ground.
         let is_wrong = !is_model(config) && stats::median(&corrected).is_some_and(|off_m| off_m >= CORRECTED_M);

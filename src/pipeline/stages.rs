@@ -385,8 +385,8 @@ fn disagreeing_prior(survey: &Survey, found: &DisagreeingView) -> Issue {
 fn level_off(&LevelOff { up_m, sigma_m, n_buildings }: &LevelOff) -> Issue {
     let (code, than) = if up_m < 0.0 { ("terrain_too_high", "lower") } else { ("terrain_too_low", "higher") };
     let message = format!(
-        "the ground lies {:.1} ± {sigma_m:.1} m {than} than the terrain says, by the depth beside {n_buildings} buildings; heights are off by as \
-         much and were not corrected",
+        "the ground lies {:.1} ± {sigma_m:.1} m {than} than the terrain says, by the depth beside {n_buildings} buildings; heights are off by \
+         about as much, or more, and were not corrected",
         up_m.abs()
     );
     let hint = "check whether the terrain and the poses have one vertical datum (`terrain.vertical_offset_m`); with the photos in \

@@ -25,6 +25,12 @@ impl GroundLevel {
     pub fn flat(z_m: f64) -> Self {
         Self { reference_m: z_m, lowest_m: z_m }
     }
+
+    /// The same ground so much higher, metres.
+    #[must_use]
+    pub fn raised(self, by_m: f64) -> Self {
+        Self { reference_m: self.reference_m + by_m, lowest_m: self.lowest_m + by_m }
+    }
 }
 
 /// The ground surface of a project.
