@@ -255,7 +255,10 @@ impl<'a> ShiftTrial<'a> {
             .collect();
         let evidence: BTreeMap<usize, Evidence<'_>> =
             profiles.par_iter().map(|(view, profiles)| (*view, self.evidence[view].along(profiles))).collect();
-        let roofs = scene.roofs(self.heights_m);
+        // Roofs stay where the photos show them.
+        let start_m = |height_m: &f32| (height_m + by_m.z as f32).clamp(scene.bounds.min_m, scene.bounds.max_m);
+        let start_m: Vec<f32> = self.heights_m.iter().map(start_m).collect();
+        let roofs = scene.roofs(&start_m);
         let sweep_view = |view: usize| {
             let evidence = evidence.get(&view)?;
             let stops = evidence.profiles.stops(&roofs);
@@ -267,7 +270,7 @@ impl<'a> ShiftTrial<'a> {
             scene,
             &sweep_views,
             &self.views_of,
-            self.heights_m,
+            &start_m,
             |_| true,
             SearchPass::linear(range),
             self.config,
