@@ -178,7 +178,7 @@ impl Studio<'_> {
     fn crop(&self, seen: &SeenView<'_>, inspection: &Inspection) -> Option<Crop> {
         let cut = self.cut(inspection.building, &seen.placed)?;
         let inspected = inspection.views.iter().find(|v| v.view == seen.view_idx)?;
-        let size_px = self.size_px(cut);
+        let size_px = Self::size_px(cut);
         let depth_px = size_px.map(|n| ((f64::from(n) * DEPTH_SHARE) as u32).max(1));
         let picture = |depth: &Raster<f32>, kind: PriorKind| depth_picture(depth, kind, depth_px[0], depth_px[1]);
         let prior = seen.prior.as_ref();
@@ -202,7 +202,7 @@ impl Studio<'_> {
     }
 
     /// Size of its picture: never larger than the part of the photo.
-    fn size_px(&self, cut: PhotoCrop) -> [u32; 2] {
+    fn size_px(cut: PhotoCrop) -> [u32; 2] {
         let scale = (f64::from(PICTURE_PX) / cut.size.x).min(1.0);
         (cut.size * scale).round().max(DVec2::ONE).to_array().map(|n| n as u32)
     }

@@ -231,7 +231,7 @@ impl StereoPriors {
             coarse: None,
             unseen: Unseen::IsNothing,
         };
-        let coarse = self.choose(&sweep);
+        let coarse = Self::choose(&sweep);
 
         let ideals: Vec<PosedCamera> =
             others.iter().zip(&ideals).map(|(other, at)| other.posed().posed_as(at)).collect();
@@ -245,7 +245,7 @@ impl StereoPriors {
             coarse,
             unseen: Unseen::IsNothing,
         };
-        let heights_m = self.choose(&sweep);
+        let heights_m = Self::choose(&sweep);
         let slopes = Slopes {
             reference: &reference,
             others: &others,
@@ -254,7 +254,7 @@ impl StereoPriors {
             radius_px: WINDOW_PX / 2,
             min_score: MIN_SCORE,
         };
-        let heights_m = self.without_speckles(slopes.find(&heights_m), &fine);
+        let heights_m = Self::without_speckles(slopes.find(&heights_m), &fine);
         Ok(MatchedSurface { ideal: reference.posed().clone(), heights_m, levels: fine, is_turned })
     }
 
@@ -278,7 +278,7 @@ impl StereoPriors {
             coarse: None,
             unseen: Unseen::IsAgainst,
         };
-        let mut found_m = self.choose(&sweep);
+        let mut found_m = Self::choose(&sweep);
         speckles::leave_out(&mut found_m, &all, SURE_WINDOWS * WINDOW_PX * WINDOW_PX);
         levels.around(&found_m, TALLER_SHARE, view.posed(), &ideals(others), &self.config)
     }
@@ -304,13 +304,13 @@ impl StereoPriors {
         Levels::of(view, others, &self.terrain, &self.config)
     }
 
-    fn choose(&self, sweep: &Sweep<'_>) -> Raster<f32> {
+    fn choose(sweep: &Sweep<'_>) -> Raster<f32> {
         let volume = sweep.volume(WINDOW_PX / 2);
         let chosen = semi_global::choose_levels(&volume, sweep.reference.grey());
-        self.without_speckles(chosen.heights_m(sweep.levels, MIN_SCORE), sweep.levels)
+        Self::without_speckles(chosen.heights_m(sweep.levels, MIN_SCORE), sweep.levels)
     }
 
-    fn without_speckles(&self, mut heights_m: Raster<f32>, levels: &Levels) -> Raster<f32> {
+    fn without_speckles(mut heights_m: Raster<f32>, levels: &Levels) -> Raster<f32> {
         let least_px = WINDOW_PX * WINDOW_PX / SPECKLE_DIVISOR;
         speckles::leave_out(&mut heights_m, levels, least_px);
         heights_m
