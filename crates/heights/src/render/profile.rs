@@ -49,7 +49,10 @@ impl PrismInterval {
         }
         let step = (last - first) / N_STEPS as f32;
         let depth = |k: usize| first + step * k as f32;
-        let Some(k) = (1..=N_STEPS).find(|&k| is_below(depth(k))) else { return f32::INFINITY };
+        let Some(k) = (1..=N_STEPS).find(|&k| is_below(depth(k))) else {
+            // At its lowest level rounding may keep the ray a hair above it.
+            return if last < self.leave { last } else { f32::INFINITY };
+        };
         let (mut above, mut below) = (depth(k - 1), depth(k));
         for _ in 0..N_HALVINGS {
             let middle = f32::midpoint(above, below);
