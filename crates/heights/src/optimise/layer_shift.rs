@@ -266,15 +266,8 @@ impl<'a> ShiftTrial<'a> {
         };
         let sweep_views: Vec<_> = (0..views.len()).into_par_iter().map(sweep_view).collect();
         let range = Range::Local { share: 1.0 };
-        let found = sweep(
-            scene,
-            &sweep_views,
-            &self.views_of,
-            &start_m,
-            |_| true,
-            SearchPass::linear(range),
-            self.config,
-        );
+        let found =
+            sweep(scene, &sweep_views, &self.views_of, &start_m, |_| true, SearchPass::linear(range), self.config);
         look(&sweep_views, &found)
     }
 }

@@ -27,8 +27,6 @@ const FLAT: f64 = 1e-9;
 pub(super) const UNMODELLED_M: f64 = 3.0;
 /// The same in standard deviations of the prior on open ground.
 const UNMODELLED_SIGMAS: f64 = 3.0;
-/// Rays around a building that tell what stands out from the ground, about: evenly spaced ones of all.
-const N_AROUND: usize = 300;
 /// Ranks are resolved to this many steps of the residuals' range.
 const RANK_BINS: usize = 2048;
 
@@ -291,10 +289,7 @@ fn leave_out_unmodelled(
     };
     let mut is_own = within(own);
     let around: Vec<f64> = rays.iter().filter(|&&r| !is_own(r)).map(|&r| excess_m(r)).collect();
-    let step = (around.len() / N_AROUND).max(1);
-    let Some((level, sigma)) = far_side(&mut around.iter().copied().step_by(step).collect::<Vec<f64>>()) else {
-        return;
-    };
+    let Some((level, sigma)) = far_side(&mut around.clone()) else { return };
     let limit = level + (UNMODELLED_SIGMAS * sigma).max(UNMODELLED_M);
     // The building's own rays are left alone.
     let (mut is_own, mut of_around) = (within(own), around.iter());
@@ -325,8 +320,6 @@ fn sums<const N: usize>(n: usize, terms: impl Fn(usize) -> [f64; N]) -> [f64; N]
 fn far_side(values: &mut [f64]) -> Option<(f64, f64)> {
     const ROUNDS: usize = 8;
     const CUT_OFF: [f64; 2] = [3.0; 2];
-    /// A round that moves it by less than this share of the standard deviation is the last.
-    const SETTLED: f64 = 0.01;
     if values.len() < MIN_RAYS {
         return None;
     }
@@ -345,10 +338,7 @@ fn far_side(values: &mut [f64]) -> Option<(f64, f64)> {
             sum += weight * value;
             weights += weight;
         }
-        let before = std::mem::replace(&mut level, sum / weights);
-        if (level - before).abs() < SETTLED * sigma {
-            break;
-        }
+        level = sum / weights;
     }
     Some((level, sigma))
 }

@@ -49,7 +49,10 @@ impl PrismInterval {
         }
         let step = (last - first) / N_STEPS as f32;
         let depth = |k: usize| first + step * k as f32;
-        let Some(k) = (1..=N_STEPS).find(|&k| is_below(depth(k))) else { return f32::INFINITY };
+        let Some(k) = (1..=N_STEPS).find(|&k| is_below(depth(k))) else {
+            // At its lowest level rounding may keep the ray a hair above it.
+            return if last < self.leave { last } else { f32::INFINITY };
+        };
         let (mut above, mut below) = (depth(k - 1), depth(k));
         for _ in 0..N_HALVINGS {
             let middle = f32::midpoint(above, below);
@@ -476,17 +479,17 @@ mod tests {
         }
     }
 
-    /// A roof that rises to the east by this much per metre from a level at x = 0.
-    struct SlopingSurface(f32, f32);
+    /// A roof that rises to the east by this much per metre from a level at x = 0, between two of x.
+    struct SlopingSurface(f32, f32, [f32; 2]);
 
     impl RoofSurface for SlopingSurface {
         fn level(&self, at: Vec2) -> f32 {
             self.0 + self.1 * at.x
         }
 
-        /// Over the third of the blocks, 15 m wide.
         fn range_z(&self) -> [f32; 2] {
-            [self.level(15.0 * Vec2::X), self.level(Vec2::ZERO)]
+            let [west, east] = self.2;
+            [self.level(east * Vec2::X), self.level(west * Vec2::X)]
         }
     }
 
@@ -501,7 +504,8 @@ mod tests {
             let levels: Vec<Option<LevelSurface>> = roofs.iter().map(|&z| Some(LevelSurface(z))).collect();
             let (flat, same) = (profiles.stops(&roofs), profiles.stops_at(&placed, &roofs, &levels));
             // The third slopes.
-            let slope = |b: usize| (b == 2).then_some(SlopingSurface(roofs[2], 0.4));
+            let bounds = scene.prisms[2].bounds_below(0.0);
+            let slope = |b: usize| (b == 2).then_some(SlopingSurface(roofs[2], 0.4, [bounds.min.x, bounds.max.x]));
             let sloping = profiles.stops_at(&placed, &roofs, &[0, 1, 2, 3].map(slope));
             for i in 0..profiles.rays.len() {
                 assert!((flat.depth(i) - same.depth(i)).abs() < 0.05, "{} {}", flat.depth(i), same.depth(i));

@@ -240,7 +240,7 @@ struct SolverState<'a> {
 fn disagreeing_before(problem: &Problem<'_>, n_views: usize) -> Vec<Option<DisagreeingView>> {
     let mut disagreeing = vec![None; n_views];
     for found in problem.former.iter().flat_map(|former| &former.solution.disagreeing_views) {
-        disagreeing[found.view] = Some(found.clone());
+        disagreeing[found.view] = Some(*found);
     }
     disagreeing
 }
