@@ -65,6 +65,16 @@ pub(super) fn lacks_of_flight(flight: &Flight) -> Vec<Lack> {
             "fly around or past the buildings, and take photos of each from several places instead of turning the camera on the spot",
         ));
     }
+    let seen_by = flight.seen_by.filter(|seen_by| flight.is_nadir_only() && *seen_by < MIN_PHOTOS as f64);
+    if let Some(seen_by) = seen_by.filter(|_| flight.n_views >= MIN_PHOTOS) {
+        let why = format!(
+            "all {} photos look straight down, and a place is seen by {seen_by:.0} (median): stereo measures roofs where {MIN_PHOTOS} overlap",
+            flight.n_views
+        );
+        let how =
+            "fly with 80 % overlap along and across, or tilt the camera by 30 to 60° and fly around the buildings";
+        lacks.push(Lack::new("overlapping photos", why, how));
+    }
     if flight.n_views > 0 && flight.n_views < MIN_PHOTOS {
         let why = format!("{} with a pose, expected {MIN_PHOTOS} at the very least", flight.n_views);
         lacks.push(Lack::new("photos", why, "each building has to be seen by several photos from different sides"));

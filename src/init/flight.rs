@@ -98,9 +98,9 @@ impl Flight {
             format!("{n_photos} photo{s}, {n_views} with a usable pose: {n_nadir} straight down, {n_oblique} oblique");
         let above = self.above_ground_m.map(|height| format!("{:.0} m above ground", height.median));
         let pixel = self.pixel_m.map(|pixel_m| format!("{:.1} cm per pixel", 100.0 * pixel_m));
-        let seen = self.seen_by.zip(self.seen_by_oblique);
-        let seen =
-            seen.map(|(all, oblique)| format!("photos per place: {all:.0}, {oblique:.0} of them oblique (median)"));
+        let oblique = self.seen_by_oblique.filter(|_| *n_oblique > 0);
+        let oblique = oblique.map_or_else(String::new, |oblique| format!(", {oblique:.0} of them oblique"));
+        let seen = self.seen_by.map(|all| format!("photos per place: {all:.0}{oblique} (median)"));
         [Some(counts), above, pixel, seen].into_iter().flatten().collect::<Vec<_>>().join("; ")
     }
 

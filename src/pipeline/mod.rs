@@ -51,7 +51,7 @@ pub use poses::terrain_around;
 pub use priors::{PriorsDone, Wanted, compute_priors};
 pub use report::{photos_for_city_report, write_city_report};
 pub use settings::part_settings;
-pub use stages::{files_of, lineage_of, reviews_of, unstated_reference};
+pub use stages::{correct_ground, files_of, lineage_of, reviews_of, unstated_reference};
 pub use tile::{
     CityPart, PartHashes, PartHeights, find_footprints, footprints_around, layer_of, refused_records, survey_of,
 };

@@ -272,6 +272,20 @@ fn corrected_terrain_around(
     Ok(area.and_then(|area| footprints.told.corrected(config, &terrain, area)).unwrap_or(terrain))
 }
 
+/// Corrects the ground levels of footprints to those that a run found heights over. Returns its terrain.
+///
+/// # Errors
+/// [`PipelineError`]: the terrain cannot be read.
+pub fn correct_ground(
+    config: &RunConfig,
+    survey: &Survey,
+    footprints: &mut FootprintStage,
+    heights: &HeightStage,
+) -> Result<Terrain, PipelineError> {
+    footprints::correct_ground(config, footprints, heights.ground.clone())?;
+    Ok(SceneStage::new(config, survey, footprints)?.terrain)
+}
+
 /// Everything that rays meet, and what they are compared with.
 pub(super) struct SceneStage {
     /// The buildings whose ground is known.

@@ -281,8 +281,16 @@ impl JoinedCity<'_> {
             let of_tile: Vec<Issue> = read_json(&path)?;
             issues.extend(of_tile.into_iter().filter(|issue| known.insert(json!(issue).to_string())));
         }
+        // Photos tell the ground of the city; without them tiles tell its level by depth, each its own, and one is enough.
+        let is_level = |issue: &Issue| ["terrain_too_high", "terrain_too_low"].contains(&&*issue.code);
+        let ground = self.ground()?.issue();
+        let mut n_kept = usize::from(ground.is_some());
+        issues.retain(|issue| {
+            n_kept += usize::from(is_level(issue));
+            !is_level(issue) || n_kept == 1
+        });
         issues.extend(unstated_reference(&self.manifest.config));
-        issues.extend(self.ground()?.issue());
+        issues.extend(ground);
         issues.extend(self.missing.iter().map(|id| {
             let message = "the tile is not done: its buildings are missing";
             Issue::new(Severity::Refused, "tile_missing", Subject::Input(id.clone()), message)

@@ -860,7 +860,7 @@ fn real_photos_that_look_straight_down_get_their_ground_and_no_run() {
     let desk = Desk::new();
     copy(&folder, &desk.path("flight"));
     let (summary, outcome) = desk.init(&[]);
-    assert_eq!(missing(&summary), ["oblique photos", "building footprints"], "{}", outcome.stderr);
+    assert_eq!(missing(&summary), ["overlapping photos", "building footprints"], "{}", outcome.stderr);
     assert_eq!((&summary["flight"]["n_views"], &summary["flight"]["n_nadir"]), (&json!(4), &json!(4)));
     assert_eq!(summary["crs"]["definition"], "EPSG:32615");
     // The photos' AbsoluteAltitude is 198 m, their RelativeAltitude 40 m.
@@ -876,7 +876,7 @@ fn a_real_photo_with_a_base_station_states_its_accuracy() {
     let desk = Desk::new();
     copy(&folder, &desk.path("flight"));
     let (summary, outcome) = desk.init(&[]);
-    assert_eq!(missing(&summary), ["oblique photos", "photos", "building footprints"], "{}", outcome.stderr);
+    assert_eq!(missing(&summary), ["photos", "building footprints"], "{}", outcome.stderr);
     assert_eq!(summary["flight"]["positioning"], json!({ "fixed": 1 }));
     assert!(summary["flight"]["position_sigma_m"][1].as_f64().unwrap() < 0.05);
     assert!(desk.text().contains("keep_ellipsoidal = true"), "{}", desk.text());

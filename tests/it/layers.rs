@@ -17,7 +17,7 @@ const ROOMS: [Room; 9] = [
         name: "heights",
         uses: &[],
         levels: &[
-            &["frames", "ids", "raster", "ray", "seed", "simd", "stats"],
+            &["frames", "ids", "raster", "ray", "seed", "simd", "split", "stats"],
             &["camera", "terrain"],
             &["picture", "prior", "scene"],
             &["render"],

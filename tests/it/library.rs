@@ -11,7 +11,6 @@ use sizeup::pipeline::{self, FootprintStage, RunOptions, Stage};
 use sizeup::prior::{Album, PriorSource as _};
 use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind, simulate};
 use sizeup::survey::{Survey, ViewKind};
-use sizeup::terrain::{self, MapBox};
 use sizeup::vegetation;
 
 /// What a stage left behind.
@@ -39,15 +38,13 @@ fn the_library_returns_the_heights_of_the_program_to_the_bit() {
     let config = scene(folder.path());
     let options = RunOptions { from: Stage::Survey, until: Stage::Heights, command: "test".to_owned() };
     pipeline::run(&config, &options, &|_| {}).unwrap();
-    let (survey, layer): (Survey, FootprintStage) = (stage(&config, "survey"), stage(&config, "footprints"));
+    let (survey, mut layer): (Survey, FootprintStage) = (stage(&config, "survey"), stage(&config, "footprints"));
+    let terrain = pipeline::correct_ground(&config, &survey, &mut layer, &stage(&config, "heights")).unwrap();
 
     let on_ground = layer.layer.footprints.iter().zip(&layer.ground);
     let buildings: Vec<Building> = on_ground
         .map(|(footprint, ground)| Building { footprint: footprint.polygon.clone(), ground: ground.unwrap() })
         .collect();
-    let corners = buildings.iter().flat_map(|b| b.footprint.exterior().coords().map(|c| (c.x, c.y)));
-    let area = MapBox::around(corners).unwrap().grown(500.0);
-    let terrain = terrain::load(&config.terrain, &config.project.crs, area).unwrap();
     let priors = config.prior.open(&survey.views, &terrain, 100.0).unwrap();
     let album = Album::new(config.refinement.long_side_px, 1 << 30);
     let found = |view: &sizeup::survey::View| {

@@ -15,7 +15,7 @@ fn completions_of_every_shell_name_commands_and_options() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let script = outcome(&["completions", shell]);
         assert_eq!((script.code, &*script.stderr), (0, ""), "{shell}");
-        for word in ["footprints", "inspect", "prior-kind"] {
+        for word in ["footprints", "inspect", "until"] {
             assert!(script.stdout.contains(word), "{shell}: no {word}");
         }
     }
@@ -49,7 +49,7 @@ fn every_command_has_a_manual_page_with_its_options() {
     assert!(!pages.iter().any(|page| page.contains("help") || page == "sizeup-man.1"), "{pages:?}");
     let page = fs::read_to_string(folder.path().join("sizeup-run.1")).unwrap();
     assert!(page.starts_with(".ie") || page.contains(".TH sizeup-run 1"), "{}", &page[..200.min(page.len())]);
-    for word in ["\\-\\-prior\\-kind", "SYNOPSIS", "Configuration file"] {
+    for word in ["\\-\\-until", "SYNOPSIS", "Configuration file"] {
         assert!(page.contains(word), "no {word}");
     }
 }

@@ -282,7 +282,7 @@ fn ranks_need_only_the_order_of_the_prior() {
     let mut config = small(Preset::Robust);
     let search = &mut config.search;
     (search.rank_sweeps, search.roof_forms) = (2, Vec::new());
-    (search.agreement_weight, search.local_agreement_weight) = (0.0, 0.0);
+    (search.agreement_weight, search.local_agreement_weight, search.unmodelled_agreement_weight) = (0.0, 0.0, 0.0);
     let errors = block.errors(&block.solve(&block.priors(|d| (0.01 * d).powi(3)), &config));
     assert!(mean(&errors) < 0.4, "{errors:.2?}");
 }

@@ -265,6 +265,9 @@ pub struct SearchConfig {
     pub local_agreement_weight: f32,
     /// The same there for priors in metres (`calibrate_on = "none"`), whose relief is exact: more.
     pub metric_agreement_weight: f32,
+    /// Weight of the agreement added for surroundings that look wholly at what the scene does not have (buildings without
+    /// a footprint): edges there are not to be trusted.
+    pub unmodelled_agreement_weight: f32,
     /// Which rays bring a view's prior to metres: `all`, `ground`, or `none` for priors that are in metres, as stereo's are.
     pub calibrate_on: CalibrationRays,
     /// Greatest number of views a building is measured in.
@@ -314,6 +317,7 @@ impl Default for SearchConfig {
             agreement_weight: 0.1,
             local_agreement_weight: 0.03,
             metric_agreement_weight: 0.4,
+            unmodelled_agreement_weight: 0.3,
             calibrate_on: CalibrationRays::default(),
             max_views_per_building: 24,
             reselect_every: 3,

@@ -11,6 +11,7 @@
 //! the building does not depend on `h`, so a height costs one pass over the building's own rays.
 
 use super::calibrate::Calibration;
+use super::config::SearchConfig;
 use super::evidence::Evidence;
 use super::intervals::{Intervals, PackedInterval, RoofIntersection, Sums};
 use super::{unmodelled, vegetation};
@@ -52,6 +53,8 @@ pub struct Window {
     gram_inverse: [[f64; 3]; 3],
     p_norm_squared: f64,
     base: Sums,
+    /// Share of the surroundings that look at something the scene does not have, 0..1.
+    pub unmodelled: f32,
 }
 
 /// Which correlation is asked for.
@@ -96,11 +99,11 @@ impl Window {
         let own_rays = evidence.rays_below(building, top_z);
         let mut rays = evidence.rays_around(&own_rays, scope.dilate_px);
         rays.retain(|&r| evidence.nearness[r as usize].is_finite() && profiles.rays[r as usize].ground.is_finite());
-        match calibration {
-            Some(calibration) if calibration.is_in_metres => unmodelled::leave_out(evidence, &mut rays),
+        let unmodelled = match calibration {
+            Some(calibration) if calibration.is_in_metres => unmodelled::leave_out(evidence, &own_rays, &mut rays),
             Some(calibration) => leave_out_unmodelled(evidence, &own_rays, stops, calibration, &mut rays),
-            None => {}
-        }
+            None => 0.0,
+        };
         if let Some(calibration) = calibration.filter(|_| scope.leave_out_crowns) {
             vegetation::leave_out(evidence, calibration, &mut rays);
         }
@@ -147,6 +150,7 @@ impl Window {
             gram_inverse,
             p_norm_squared,
             base: Sums::default(),
+            unmodelled,
         };
         for (at, r) in own {
             let of_ray = profiles.intervals(r as usize).iter().filter(|c| c.building == building);
@@ -216,6 +220,11 @@ impl Window {
         self.rays.len()
     }
 
+    /// The weight of the agreement here, where it has `weight` among surroundings that the scene knows.
+    pub(super) fn agreement_weight(&self, weight: f32, config: &SearchConfig) -> f64 {
+        f64::from(weight + config.unmodelled_agreement_weight * self.unmodelled)
+    }
+
     /// ρ and weighted agreement for one height above ground, metres; ρ is 0 where the view cannot tell.
     #[must_use]
     pub fn score(&self, height_m: f32, agreement_weight: f64, correlation: Correlation) -> f64 {
@@ -272,15 +281,15 @@ impl Window {
 }
 
 /// Leaves out the rays around a building that look, by the calibrated prior, at something that the scene does not have
-/// there: a building without a footprint, a tree. What stands out is told against the open ground close by, so that a slow drift of
-/// the prior does no harm.
+/// there: a building without a footprint, a tree; says which share of those around it that was. What stands out is told
+/// against the open ground close by, so that a slow drift of the prior does no harm.
 fn leave_out_unmodelled(
     evidence: &Evidence<'_>,
     own: &[u32],
     stops: &Stops,
     calibration: Calibration,
     rays: &mut Vec<u32>,
-) {
+) -> f32 {
     // How far above what is rendered the prior lies, metres.
     let excess_m = |ray: u32| {
         let ray = ray as usize;
@@ -289,11 +298,13 @@ fn leave_out_unmodelled(
     };
     let mut is_own = within(own);
     let around: Vec<f64> = rays.iter().filter(|&&r| !is_own(r)).map(|&r| excess_m(r)).collect();
-    let Some((level, sigma)) = far_side(&mut around.clone()) else { return };
+    let Some((level, sigma)) = far_side(&mut around.clone()) else { return 0.0 };
     let limit = level + (UNMODELLED_SIGMAS * sigma).max(UNMODELLED_M);
+    let n_before = rays.len();
     // The building's own rays are left alone.
     let (mut is_own, mut of_around) = (within(own), around.iter());
     rays.retain(|&r| is_own(r) || of_around.next().is_some_and(|excess| *excess <= limit));
+    (n_before - rays.len()) as f32 / around.len() as f32
 }
 
 /// Whether a ray is one of some rays, asked in ascending order.

@@ -149,7 +149,7 @@ impl<'a> SweepView<'a> {
         let highest_m = heights_m.iter().copied().fold(0.0, f32::max);
         let scope = Scope::near(highest_m, config, Correlation::Linear).without_crowns(standing);
         let Some(window) = self.window(scene, building, scope) else { return Vec::new() };
-        let weight = f64::from(config.local_agreement());
+        let weight = window.agreement_weight(config.local_agreement(), config);
         let score = |h: &f32| window.score(*h, weight, Correlation::Linear);
         heights_m.iter().map(score).collect()
     }
@@ -169,7 +169,7 @@ impl<'a> SweepView<'a> {
         config: &SearchConfig,
     ) -> Option<RoofView<'a>> {
         let window = self.window(scene, building, scope)?;
-        let weight = f64::from(config.local_agreement());
+        let weight = window.agreement_weight(config.local_agreement(), config);
         Some(RoofView { window, weight, placed: self.placed, evidence: self.evidence })
     }
 }
@@ -235,13 +235,13 @@ pub fn sweep(
 struct BuildingWindows {
     views: Vec<usize>,
     windows: Vec<Window>,
-    /// Weight of the agreement.
-    weight: f64,
+    /// Weights of the agreement in each window.
+    weights: Vec<f64>,
     correlation: Correlation,
 }
 
 impl BuildingWindows {
-    /// `None` where no view has a window.
+    /// The views with the weights of their agreement; `None` where no view has a window.
     fn new(
         windows: Vec<(usize, Window)>,
         range: Range,
@@ -249,18 +249,19 @@ impl BuildingWindows {
         config: &SearchConfig,
     ) -> Option<Self> {
         let (views, windows): (Vec<usize>, Vec<Window>) = windows.into_iter().unzip();
-        let weight = f64::from(match range {
+        let agreement_weight = match range {
             Range::Full => config.agreement_weight,
             Range::Local { .. } => config.local_agreement(),
-        });
-        (!windows.is_empty()).then_some(Self { views, windows, weight, correlation })
+        };
+        let weights = windows.iter().map(|w| w.agreement_weight(agreement_weight, config)).collect();
+        (!windows.is_empty()).then_some(Self { views, windows, weights, correlation })
     }
 
     /// A finding with the views' part in it.
     fn found(&self, finding: Finding, bounds: HeightBounds) -> Finding {
         let scores = self.scores(finding.height_m);
-        let share = |(view, score): (&usize, &f64)| (*view, score / (1.0 + self.weight));
-        let by_view = self.views.iter().zip(&scores).map(share).collect();
+        let share = |((view, weight), score): ((&usize, &f64), &f64)| (*view, score / (1.0 + weight));
+        let by_view = self.views.iter().zip(&self.weights).zip(&scores).map(share).collect();
         let on_ground = self.scores(0.0);
         let is_better = |scores: &[f64]| {
             let gain: f64 = scores.iter().zip(&on_ground).map(|(score, ground)| score - ground).sum();
@@ -274,7 +275,8 @@ impl BuildingWindows {
 
     /// Score of a height, metres above the ground level, in each view, in their order.
     fn scores(&self, height_m: f32) -> Vec<f64> {
-        self.windows.iter().map(|window| window.score(height_m, self.weight, self.correlation)).collect()
+        let score = |(w, weight): (&Window, &f64)| w.score(height_m, *weight, self.correlation);
+        self.windows.iter().zip(&self.weights).map(score).collect()
     }
 }
 

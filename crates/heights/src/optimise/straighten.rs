@@ -83,7 +83,7 @@ pub struct GroundFits {
 }
 
 impl GroundFits {
-    /// None.
+    /// No fit: the prior is taken as it is.
     pub(super) const NONE: Self = Self { shifted: None, shifted_share: None, bent: None };
 
     /// Fits along the ground of a view; none where the photo shows too little ground.

@@ -10,15 +10,23 @@
 //! tall enough to stand in its way would explain it better than the ground does.
 
 use super::evidence::Evidence;
-use super::score::UNMODELLED_M;
+use super::score::{UNMODELLED_M, within};
 use crate::render::profile::Profiles;
 
-/// Leaves out rays that show something the scene does not have.
-pub(super) fn leave_out(evidence: &Evidence<'_>, rays: &mut Vec<u32>) {
+/// Leaves out rays that show something the scene does not have; says which share of those around the building's `own` ones
+/// that was, 0..1. Both lists ascend.
+pub(super) fn leave_out(evidence: &Evidence<'_>, own: &[u32], rays: &mut Vec<u32>) -> f32 {
+    let mut is_own = within(own);
+    let (mut n_around, mut n_left_out) = (0_usize, 0_usize);
     rays.retain(|&ray| {
-        let depth = evidence.nearness[ray as usize].recip();
-        !shows_unmodelled(evidence.profiles, ray as usize, depth)
+        let is_kept = !shows_unmodelled(evidence.profiles, ray as usize, evidence.nearness[ray as usize].recip());
+        if !is_own(ray) {
+            n_around += 1;
+            n_left_out += usize::from(!is_kept);
+        }
+        is_kept
     });
+    n_left_out as f32 / n_around.max(1) as f32
 }
 
 /// Whether a ray that ends at a z-depth, metres, does so above the ground outside of all footprints that it crosses.

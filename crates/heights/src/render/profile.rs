@@ -67,7 +67,7 @@ pub trait RoofSurface {
     /// The level of it at a place, local frame, metres.
     fn level(&self, at: Vec2) -> f32;
 
-    /// Its highest and its lowest level, local frame, metres.
+    /// Highest and lowest level, local frame, metres.
     fn range_z(&self) -> [f32; 2];
 }
 

@@ -75,7 +75,7 @@ impl GroundSurface {
         Some((plane.z + f_m, (variance + plane_variance).sqrt()))
     }
 
-    /// What the squares add to their plane at offset 0, and its variance.
+    /// Offset of the surface from the plane of its squares, here, and its variance.
     fn detail(&self, near: &[(DVec2, f64)], plane: DVec3, spread_m: f64) -> Option<(f64, f64)> {
         let relief2 = (spread_m.powi(2) - self.sigma_m.powi(2)).max(LEAST_RELIEF_M.powi(2));
         let covariance = |between: DVec2| relief2 * (-0.5 * between.length_squared() / RANGE_M.powi(2)).exp();
@@ -193,7 +193,6 @@ mod tests {
             let found: Vec<(f64, f64)> = places().map(of).collect();
             let mean_m = found.iter().map(|(error_m, _)| error_m).sum::<f64>() / 64.0;
             let n_within = found.iter().filter(|(error_m, sigma_m)| *error_m < 2.0 * sigma_m.hypot(0.15)).count();
-            println!("{name}: {mean_m:.3} m, {n_within} of 64 within 2 sigma");
             assert!(mean_m < most_m && n_within >= 55, "{name}: {mean_m} m, {n_within} of 64 within 2 sigma");
         }
     }

@@ -11,7 +11,7 @@ use glam::DVec2;
 use super::{Album, FoundRoof, Roofs, roof_heights};
 use crate::estimate::parts::Parts;
 use crate::estimate::task::{LevelEvidence, Part, Split};
-use crate::optimise::{Roof, SolvedHeight, candidates};
+use crate::optimise::{Roof, Solution, SolvedHeight, candidates};
 use crate::photo_consistency::{self, Levels, RefinementConfig};
 use crate::picture::Picture;
 use crate::render::image::SceneTracer;
@@ -59,10 +59,11 @@ pub(super) fn split(
     album: &Album<'_>,
     scene: &mut Scene,
     parts: &mut Parts,
-    heights: &mut Vec<SolvedHeight>,
+    solution: &mut Solution,
     found: Vec<Option<FoundRoof>>,
     proposals: Vec<Proposal>,
 ) -> Vec<Option<FoundRoof>> {
+    let heights = &mut solution.heights;
     if proposals.is_empty() {
         return found;
     }
@@ -73,6 +74,7 @@ pub(super) fn split(
     let (prisms, before) = (std::mem::take(&mut scene.prisms), std::mem::take(heights));
     let (mut roofs, mut former) = (Vec::with_capacity(found.len()), Vec::with_capacity(found.len()));
     let whole = std::mem::take(&mut parts.parts);
+    let mut whole_of = Vec::with_capacity(found.len());
     for (building, (((prism, solved), roof), part)) in prisms.into_iter().zip(before).zip(found).zip(whole).enumerate()
     {
         let Some(proposal) = proposals.next_if(|proposal| proposal.building == building) else {
@@ -81,6 +83,7 @@ pub(super) fn split(
             roofs.push(roof);
             parts.parts.push(part);
             former.push(Some(building));
+            whole_of.push(building);
             continue;
         };
         let evidence = LevelEvidence::Photos(proposal.pieces.iter().map(Piece::height_m).collect());
@@ -93,7 +96,12 @@ pub(super) fn split(
             heights.push(piece.solved);
             roofs.push(piece.found);
             former.push(None);
+            whole_of.push(building);
         }
+    }
+    // In the passes before, parts were at the height of the whole.
+    for pass in &mut solution.history {
+        pass.heights_m = whole_of.iter().filter_map(|&whole| pass.heights_m.get(whole).copied()).collect();
     }
     parts.share_corners(&former);
     roofs
@@ -223,7 +231,7 @@ mod tests {
     use crate::estimate::refinement::Refinement;
     use crate::estimate::task::{Building, NamedCamera, Photos};
     use crate::frames::Rigid;
-    use crate::optimise::Solution;
+    use crate::optimise::EpochRecord;
     use crate::picture::PosedCamera;
     use crate::scene::{HeightBounds, HeightReference};
     use crate::terrain::{GroundLevel, Terrain};
@@ -295,7 +303,14 @@ mod tests {
             sigma_m: Some(1.0),
             ..SolvedHeight::default()
         };
-        let mut solution = Solution { heights: vec![solved], ..Solution::default() };
+        let pass = EpochRecord {
+            loss: 0.1,
+            relative_change: 0.0,
+            n_selected: EYES.len(),
+            active_pairs: None,
+            heights_m: vec![prior_m as f32],
+        };
+        let mut solution = Solution { heights: vec![solved], history: vec![pass], ..Solution::default() };
         let settings = RefinementConfig::default();
         let refinement = Refinement {
             settings: &settings,
@@ -306,6 +321,7 @@ mod tests {
         let unread = refinement.run(&views, &photos, &mut scene, &mut parts, &mut solution);
         assert_eq!(unread, []);
         assert_eq!((scene.prisms.len(), solution.heights.len()), (parts.parts.len(), parts.parts.len()));
+        assert_eq!(solution.history[0].heights_m, vec![prior_m as f32; parts.parts.len()]);
         assert_eq!(parts.splits.len(), usize::from(parts.parts.len() > 1));
         let of_part =
             |(part, solved): (&Part, &SolvedHeight)| (part.footprint.unsigned_area(), solved.height_m.unwrap());

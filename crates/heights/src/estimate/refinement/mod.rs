@@ -122,7 +122,7 @@ impl Refinement<'_> {
             let levels = if split_levels { roofs.find_levels(parts, &solution.heights) } else { Vec::new() };
             (found, levels)
         };
-        let found = levels::split(&album, scene, parts, &mut solution.heights, found, found_levels);
+        let found = levels::split(&album, scene, parts, solution, found, found_levels);
         let spreads_m = spreads_m(scene, &found);
         for ((solved, found), around_m) in solution.heights.iter_mut().zip(found).zip(spreads_m) {
             // Where no roof around is one on which the photos agree, they have shown nothing of their poses.
@@ -262,7 +262,7 @@ struct Album<'a> {
 /// Roofs of a scene, and the photos that show them.
 struct Roofs<'a> {
     scene: &'a Scene,
-    /// Of the scene with all roofs at their heights.
+    /// Tracer through the scene with all roofs at their heights.
     tracer: &'a SceneTracer<'a>,
     album: &'a Album<'a>,
 }

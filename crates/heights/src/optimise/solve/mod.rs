@@ -94,7 +94,7 @@ pub struct Former<'a> {
     pub kept: &'a [Kept],
 }
 
-/// What is kept of an earlier solution for one building.
+/// Part of an earlier solution that is kept for one building.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kept {
     /// Nothing: its height is searched for from the start.
@@ -149,7 +149,7 @@ pub fn first_selection(problem: &Problem<'_>, config: &OptimiseConfig) -> Vec<us
 }
 
 impl<'a> Problem<'a> {
-    /// What is kept of an earlier solution for a building.
+    /// Part of an earlier solution that is kept for a building.
     pub(super) fn kept(&self, building: usize) -> Kept {
         self.former.map_or(Kept::Nothing, |former| former.kept[building])
     }

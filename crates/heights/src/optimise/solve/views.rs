@@ -11,7 +11,7 @@ use crate::optimise::straighten::{GroundFits, PriorShape};
 use crate::seed;
 use crate::views::{CandidateView, Choice, Selection, Visibility, drawn, in_turn, select, select_each, visibility};
 
-/// Of a view that is not straightened.
+/// Fits of a view that is not straightened.
 static NO_FITS: GroundFits = GroundFits::NONE;
 
 impl SolverState<'_> {
