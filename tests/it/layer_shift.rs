@@ -61,7 +61,7 @@ fn a_layer_that_is_off_by_metres_is_told_and_costs_no_height() {
 
 /// Without photos nothing shows the ground but the depth beside buildings.
 #[test]
-fn a_terrain_that_is_3_m_too_high_is_reported_by_depth_alone_and_no_height_is_measured() {
+fn a_terrain_that_is_3_m_off_is_reported_by_depth_alone_and_no_height_is_measured() {
     let folder = tempfile::tempdir().unwrap();
     town(folder.path(), [0.0, 0.0]);
     let found = |offset_m: f64| {
@@ -80,11 +80,13 @@ fn a_terrain_that_is_3_m_too_high_is_reported_by_depth_alone_and_no_height_is_me
     let (told, n_measured) = found(0.0);
     assert_eq!(told, None, "the terrain of the scene fits");
     assert!(n_measured >= 18, "{n_measured}");
-    let (told, n_measured) = found(3.0);
-    let [code, message] = told.expect("it is 3 m off");
-    assert!(code == "terrain_too_high" && message.contains("m lower"), "{code}: {message}");
-    // Heights of low houses end at the least height, 2 m, which takes from the figure.
-    let figure: f64 = message.split(' ').find_map(|word| word.parse().ok()).unwrap();
-    assert!((1.5..3.8).contains(&figure), "{message}");
-    assert_eq!(n_measured, 0, "{message}");
+    for (offset_m, code, than) in [(3.0, "terrain_too_high", "m lower"), (-3.0, "terrain_too_low", "m higher")] {
+        let (told, n_measured) = found(offset_m);
+        let [told_code, message] = told.unwrap_or_else(|| panic!("{offset_m} m are not told"));
+        assert!(told_code == code && message.contains(than), "{told_code}: {message}");
+        // 2.4 to 4.5 m over two villages: a warning, no measurement.
+        let figure: f64 = message.split(' ').find_map(|word| word.parse().ok()).unwrap();
+        assert!((2.0..5.0).contains(&figure), "{message}");
+        assert_eq!(n_measured, 0, "{message}");
+    }
 }
