@@ -97,8 +97,8 @@ class Program(unittest.TestCase):
 
     def test_a_city_is_read_as_features_with_all_that_is_known(self):
         city = sizeup.read(self.demo / "result")
-        self.assertEqual((len(city), city.crs), (43, "EPSG:25832"))
-        self.assertEqual(len(city.__geo_interface__["features"]), 43)
+        self.assertEqual((len(city), city.crs), (46, "EPSG:25832"))
+        self.assertEqual(len(city.__geo_interface__["features"]), 46)
         building = city.buildings[0]
         self.assertEqual(building.geometry["type"], "Polygon")
         self.assertAlmostEqual(building.roof_z_m, building.ground_z_m + building.height_m)
@@ -149,7 +149,7 @@ class Program(unittest.TestCase):
         try:
             for path in (self.demo / "result", self.demo / "result" / "city.gpkg"):
                 with self.assertWarnsRegex(UserWarning, "is not finished: a run was started") as caught:
-                    self.assertEqual(len(sizeup.read(path)), 43)
+                    self.assertEqual(len(sizeup.read(path)), 46)
                 self.assertEqual(len(caught.warnings), 1)
         finally:
             mark.unlink()
