@@ -24,10 +24,12 @@ use crate::stats;
 const MIN_RAYS: usize = 12;
 /// Residual variance, relative to the window's, below which a view is flat and has no vote.
 const FLAT: f64 = 1e-9;
-/// Height from which something that stands out from the ground around a building is not in the scene.
-pub(super) const UNMODELLED_M: f64 = 3.0;
-/// The same in standard deviations of the prior on open ground.
-const UNMODELLED_SIGMAS: f64 = 3.0;
+/// Height from which something that stands out from the ground around a building is not in the scene, metres, and the same in
+/// standard deviations of the prior on open ground: the greater one counts. Hedges, cars and sheds raise the ground that a roof is
+/// compared with. At 3 m and 3 deviations mean errors were .94 m over a LiDAR surface with trees, .36 m in a simulated village and
+/// .46 m over roofs of Rotterdam without anything else; so they are .84, .30 and .49 m.
+const UNMODELLED_M: f64 = 1.0;
+const UNMODELLED_SIGMAS: f64 = 1.5;
 /// Ranks are resolved to this many steps of the residuals' range.
 const RANK_BINS: usize = 2048;
 

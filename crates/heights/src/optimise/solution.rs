@@ -22,7 +22,7 @@ pub enum Reason {
     RangeBound,
     /// All heights explain the priors about equally well.
     FlatScore,
-    /// Views disagree: leaving one out moves the height by much.
+    /// Views disagree with each other, or the photos with the priors: the standard deviation is wide.
     ConflictingViews,
     /// Even the best height explains the priors badly.
     PoorScore,
@@ -49,6 +49,11 @@ pub enum Reason {
 }
 
 impl Reason {
+    /// Whether photos that agree on a roof refute it: it is about the priors, or about crowns, which are no surface.
+    fn is_settled_by_photos(self) -> bool {
+        matches!(self, Self::TooFewViews | Self::FlatScore | Self::OtherHeight | Self::Vegetation)
+    }
+
     /// The name under which files have it.
     #[must_use]
     pub fn code(self) -> &'static str {
@@ -100,12 +105,13 @@ pub struct Doubts {
 /// (three kinds of towns, real roofs under real cameras and under a simulated flight; four levels of prior errors; 2,167 buildings),
 /// seeds 31 and 32 and the western half of Rotterdam; that of a pixel of priors in metres is older. That of the height was fitted
 /// then, with the others as they are, to these and four more downtowns (seeds 33 to 36; 2,871 buildings): without it, of the 116 that
-/// are 40 m high and more 64 % lay within two.
+/// are 40 m high and more 64 % lay within two. That of unexplained relief was raised from 0.6 m afterwards: two of them covered 83 % of
+/// the roofs of Rotterdam, west, and 77 % of those of a LiDAR surface with trees, then 90 and 91 %.
 const VIEWS_SHARE: f64 = 0.8;
 const PIXEL_SHARE: f64 = 0.1;
 const PIXEL_SHARE_IN_METRES: f64 = 0.65;
 const FORM_SHARE: f64 = 0.5;
-const UNEXPLAINED_M: f64 = 0.6;
+const UNEXPLAINED_M: f64 = 0.9;
 const BLEEDING_SHARE: f64 = 0.15;
 const HEIGHT_SHARE: f64 = 0.008;
 
@@ -175,8 +181,7 @@ impl SolvedHeight {
         self.form_certainty = self.form_certainty.filter(|_| self.roof.is_some_and(|before| before.form == roof.form));
         self.roof = Some(roof);
         self.sigma_m = Some(sigma_m);
-        // What photos from all around agree on as one surface is no crown.
-        self.reasons.retain(|reason| *reason != Reason::Vegetation);
+        self.reasons.retain(|reason| !reason.is_settled_by_photos());
     }
 
     /// Takes a roof between what the priors and what the photos say, with a standard deviation to state from now on, metres; not

@@ -2,6 +2,8 @@
 
 mod neighbours;
 mod towers;
+mod uncertain;
 
 pub(super) use neighbours::mark_small;
 pub(super) use towers::mark_towers;
+pub(super) use uncertain::mark_uncertain;

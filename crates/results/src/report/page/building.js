@@ -6,7 +6,7 @@ const REASONS = {
   range_bound: "The best height is at an end of the heights that are looked for.",
   flat_score: "All heights explain the depth priors about equally well.",
   wrong_order: "With the heights found, the depths stand in the wrong order.",
-  conflicting_views: "The photos disagree: leaving one out moves the height by much.",
+  conflicting_views: "The photos disagree with each other, or with the depth priors: the height is uncertain.",
   poor_score: "The depth priors are explained badly by any height.",
   other_height: "Over the whole range another height explains the depth priors better.",
   unseen_above: "No photo's depth looks through the space above it: it may be taller.",
