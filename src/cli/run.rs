@@ -5,11 +5,13 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::flags::config_file;
-use super::tiles::{CutArgs, TilesetArgs, TrustArgs, absolute, failed, merge_city, plan_config};
+use super::tiles::{CutArgs, PLAN, TilesetArgs, TrustArgs, absolute, failed, merge_city, say_plan};
 use super::{Call, EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
 use crate::pipeline::{self, RunOptions, RunSummary, Stage};
-use crate::tiles::{self, Attempt, Layout, MergeOptions, Missing, PoolSettings, Tile, TileOutcome, TileState};
+use crate::tiles::{
+    self, Attempt, Layout, Manifest, MergeOptions, Missing, PoolSettings, Tile, TileOutcome, TileState,
+};
 use sizeup_results::output::Status;
 
 /// Where `--help` lists the options of tiled runs.
@@ -91,7 +93,13 @@ pub(super) fn run(args: &RunArgs, global: &Global) -> Result<u8, Failure> {
     let config = config_of(args, &file)?;
     config.limits.set();
     if args.tiled {
-        return run_tiled(config, &file, args, global);
+        let mut config = config;
+        config.project.output = absolute(&config.project.output)?;
+        let plan = args.cut.settings(absolute(&file)?, args.tileset.tileset(), args.trust);
+        let ui = Ui::new(global);
+        let manifest = tiles::plan(&config, &plan, PLAN, &|event| ui.tell(event)).map_err(|e| failed(&e));
+        ui.finish();
+        return run_tiles(&ui, &manifest?, args, global);
     }
     if args.tileset.tileset().is_some() {
         let hint = "3D Tiles of one piece are written by `sizeup export --to 3dtiles`, which takes them too";
@@ -105,9 +113,9 @@ pub(super) fn run(args: &RunArgs, global: &Global) -> Result<u8, Failure> {
     Ok(if summary.has_failed_items() { EXIT_FAILED_ITEMS } else { 0 })
 }
 
-/// Plan, all tiles, merge; tiles that are done stay as they are.
-fn run_tiled(mut config: RunConfig, file: &Path, args: &RunArgs, global: &Global) -> Result<u8, Failure> {
-    config.project.output = absolute(&config.project.output)?;
+/// Runs the tiles of a plan that are not done, and merges all.
+fn run_tiles(ui: &Ui, manifest: &Manifest, args: &RunArgs, global: &Global) -> Result<u8, Failure> {
+    say_plan(ui, manifest);
     let n_cores = rayon::current_num_threads();
     let n_jobs = args.jobs.unwrap_or(n_cores.div_ceil(2)).max(1);
     let settings = PoolSettings {
@@ -118,9 +126,7 @@ fn run_tiled(mut config: RunConfig, file: &Path, args: &RunArgs, global: &Global
         n_retries: N_RETRIES,
         trust: args.trust.trust(),
     };
-    let plan = args.cut.settings(absolute(file)?, args.tileset.tileset(), args.trust);
-    let manifest = plan_config(&config, &plan, global)?;
-    let (ui, layout) = (Ui::new(global), Layout::new(&config.project.output));
+    let layout = Layout::new(&manifest.config.project.output);
     let city = tiles::status(&layout, args.trust.trust()).map_err(|e| failed(&e))?;
     let todo: Vec<Tile> =
         city.tiles.into_iter().filter(|one| one.state != TileState::Done).map(|one| one.tile).collect();

@@ -5,11 +5,13 @@
 
 mod advice;
 mod escapes;
+mod folder;
 mod sources;
 
 use std::path::{Path, PathBuf};
 
 pub(crate) use advice::nearest;
+pub use folder::ResultFolder;
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -64,6 +66,9 @@ pub enum ConfigError {
         hint: String,
     },
 }
+
+/// File beside every result that holds the whole configuration of its run.
+pub const SAVED_NAME: &str = "config.toml";
 
 /// The configuration of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -218,9 +223,6 @@ impl RunConfig {
         }
     }
 
-    /// File beside every result that holds the whole configuration of its run.
-    pub const SAVED_NAME: &str = "config.toml";
-
     /// Reads a file, applies `table.key=value` assignments, and makes paths relative to the file's folder.
     ///
     /// # Errors
@@ -284,20 +286,14 @@ impl RunConfig {
     pub fn saved(&self) -> Self {
         let mut saved = self.clone();
         saved.project.output = PathBuf::from(".");
-        saved.visit_inputs(&mut |path| *path = self.saved_path(path));
+        saved.visit_inputs(&mut |path| *path = self.result_folder().saved(path));
         saved
     }
 
-    /// How a path of the input is written into the results.
+    /// Folder of the results, which knows how paths of the input are written into it.
     #[must_use]
-    pub fn saved_path(&self, path: &Path) -> PathBuf {
-        self.own_paths.saved(path, &self.project.output)
-    }
-
-    /// The path of the input that was written so into the results.
-    #[must_use]
-    pub fn found_path(&self, saved: &Path) -> PathBuf {
-        self.own_paths.found(saved, &self.project.output)
+    pub fn result_folder(&self) -> ResultFolder<'_> {
+        ResultFolder { path: &self.project.output, own: &self.own_paths }
     }
 
     /// As TOML.

@@ -24,8 +24,8 @@ use rstar::primitives::GeomWithData;
 use serde::{Deserialize, Serialize};
 
 use super::FootprintStage;
-use super::stages::SceneStage;
-use crate::config::RunConfig;
+use super::scene::SceneStage;
+use super::settings::GroundSettings;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::{Dem, MapBox, Terrain};
 use sizeup_heights::raster::Raster;
@@ -83,16 +83,6 @@ pub(super) fn spacing_m(footprints: MapBox) -> f64 {
     (spacing_m / SPACING_STEP_M).floor().max(1.0) * SPACING_STEP_M
 }
 
-/// Whether the terrain is held against photos, where there are any: where it is made from them, that was done.
-pub(super) fn asks(config: &RunConfig) -> bool {
-    config.dtm.is_none()
-}
-
-/// Whether the terrain is a model that others made: its error is small, unless the photos contradict it.
-fn is_model(config: &RunConfig) -> bool {
-    config.dtm.is_none() && config.terrain.dtm.is_some()
-}
-
 /// Memory that looking at the ground takes at most with so many photos, bytes.
 pub(super) fn photo_bytes(n_photos: usize) -> usize {
     dtm::PICTURE_BYTES.min(n_photos.saturating_mul(Album::bytes_of_one(DtmConfig::default().long_side_px)))
@@ -101,14 +91,14 @@ pub(super) fn photo_bytes(n_photos: usize) -> usize {
 /// Looks at open ground in the photos; nothing where there are too few. Where the terrain was made from them, that has been done. Of a
 /// part of a city it looks at the part's core and as far around it as its buildings' ground is told by.
 pub(super) fn look(
-    config: &RunConfig,
+    ground: &GroundSettings<'_>,
     survey: &Survey,
     footprints: &FootprintStage,
     stage: &SceneStage,
     core: Option<MapBox>,
 ) -> GroundTold {
-    if !asks(config) {
-        return super::dtm::squares_of_run(config);
+    if let Some(squares) = &ground.squares {
+        return super::dtm::squares_of_run(squares);
     }
     if !survey.views.iter().any(|view| view.image.is_some()) {
         return GroundTold::default();
@@ -233,22 +223,22 @@ impl GroundTold {
     }
 
     /// Ground of some footprints by the squares around them, in their order; `None` where too few are near.
-    pub(super) fn measured(&self, config: &RunConfig, footprints: &FootprintStage) -> Vec<Option<GroundCorrection>> {
+    pub(super) fn measured(&self, is_model: bool, footprints: &FootprintStage) -> Vec<Option<GroundCorrection>> {
         let surface = self.surface();
         let of = |polygon: &Polygon<f64>| {
             let middle = polygon.centroid()?;
             let (off_m, sigma_m) = surface.at(DVec2::new(middle.x(), middle.y()))?;
-            Some(GroundCorrection::of(off_m, sigma_m.hypot(BESIDE_M), is_model(config)))
+            Some(GroundCorrection::of(off_m, sigma_m.hypot(BESIDE_M), is_model))
         };
         footprints.layer.footprints.par_iter().map(|footprint| of(&footprint.polygon)).collect()
     }
 
     /// The same, with what is known of the others.
-    pub(super) fn corrections(&self, config: &RunConfig, footprints: &FootprintStage) -> Vec<Option<GroundCorrection>> {
-        let found = self.measured(config, footprints);
+    pub(super) fn corrections(&self, is_model: bool, footprints: &FootprintStage) -> Vec<Option<GroundCorrection>> {
+        let found = self.measured(is_model, footprints);
         let corrected: Vec<f64> = found.iter().flatten().map(|ground| ground.off_m.abs()).collect();
         // One height that is wrong elsewhere is not to be trusted where no photo shows the ground.
-        let is_wrong = !is_model(config) && stats::median(&corrected).is_some_and(|off_m| off_m >= CORRECTED_M);
+        let is_wrong = !is_model && stats::median(&corrected).is_some_and(|off_m| off_m >= CORRECTED_M);
         let unknown = is_wrong
             .then_some(GroundCorrection { off_m: 0.0, sigma_m: stats::quantile(&corrected, 0.68).unwrap_or(0.0) });
         found.into_iter().map(|ground| ground.or(unknown)).collect()
@@ -259,7 +249,7 @@ impl GroundTold {
     }
 
     /// A terrain as the photos correct it: a model over itself, one height for all over an area; `None` where they leave it as it is.
-    pub(super) fn corrected(&self, config: &RunConfig, terrain: &Terrain, area: MapBox) -> Option<Terrain> {
+    pub(super) fn corrected(&self, is_model: bool, terrain: &Terrain, area: MapBox) -> Option<Terrain> {
         if self.off_m.is_empty() {
             return None;
         }
@@ -267,7 +257,7 @@ impl GroundTold {
             Terrain::Constant(_) => area,
             Terrain::Grid(dem) => extent_of(dem),
         };
-        let raised = self.raised(config, area)?;
+        let raised = self.raised(is_model, area)?;
         let corrected = match terrain {
             Terrain::Constant(level_m) => {
                 let ((west_m, north_m), (cell_m, _)) = (raised.corner_m(), raised.cell_m());
@@ -293,7 +283,7 @@ impl GroundTold {
 
     /// The correction over an area, on nodes that lie where they do whatever the area; `None` where it is none. Nodes without squares around
     /// are corrected as the nearest ones with them.
-    fn raised(&self, config: &RunConfig, area: MapBox) -> Option<Dem> {
+    fn raised(&self, is_model: bool, area: MapBox) -> Option<Dem> {
         let surface = self.surface();
         let node = |m: f64| (m / NODE_M).floor() as i64;
         let (west, south) = (node(area.west_m), node(area.south_m));
@@ -304,7 +294,7 @@ impl GroundTold {
         };
         let off_at = |i: usize| {
             let (off_m, sigma_m) = surface.at(place(i))?;
-            Some(GroundCorrection::of(off_m, sigma_m.hypot(BESIDE_M), is_model(config)).off_m)
+            Some(GroundCorrection::of(off_m, sigma_m.hypot(BESIDE_M), is_model).off_m)
         };
         let known: Vec<Option<f64>> = (0..width * height).into_par_iter().map(off_at).collect();
         if known.iter().flatten().all(|off_m| *off_m == 0.0) {

@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::config::RunConfig;
 use sizeup_geo::kept::Kept;
 use sizeup_heights::optimise::WithoutPrior;
 use sizeup_heights::raster::Raster;
@@ -14,7 +13,8 @@ use sizeup_photos::vegetation;
 use sizeup_survey::{Survey, View};
 
 use super::PipelineError;
-use super::stages::SceneStage;
+use super::scene::SceneStage;
+use super::settings::HeightSettings;
 
 /// Memory that a run keeps computed priors in, bytes: some 350 of 518 × 350 pixels.
 const KEPT_BYTES: usize = 256 << 20;
@@ -38,18 +38,19 @@ pub(super) struct PriorStore {
 
 impl PriorStore {
     /// Priors of a run.
-    pub fn open(config: &RunConfig, survey: &Survey, stage: &SceneStage) -> Result<Self, PipelineError> {
-        let source = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
-        Ok(Self::new(config, source, survey, KEPT_BYTES))
+    pub fn open(settings: &HeightSettings<'_>, survey: &Survey, stage: &SceneStage) -> Result<Self, PipelineError> {
+        let source = settings.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
+        Ok(Self::new(settings, source, survey, KEPT_BYTES))
     }
 
     /// One that forgets, where memory is counted.
-    pub fn forgetful(config: &RunConfig, source: Priors, survey: &Survey) -> Self {
-        Self::new(config, source, survey, 0)
+    pub fn forgetful(settings: &HeightSettings<'_>, source: Priors, survey: &Survey) -> Self {
+        Self::new(settings, source, survey, 0)
     }
 
-    fn new(config: &RunConfig, source: Priors, survey: &Survey, kept_bytes: usize) -> Self {
-        let green_px = config.optimise.leaves_out_vegetation().then_some(config.optimise.working_px);
+    fn new(settings: &HeightSettings<'_>, source: Priors, survey: &Survey, kept_bytes: usize) -> Self {
+        let optimise = &settings.method.optimise;
+        let green_px = optimise.leaves_out_vegetation().then_some(optimise.working_px);
         let bytes_of_one = green_px.map_or(1, |side| (side as usize).pow(2) * 2 / 3).max(1);
         Self {
             source,

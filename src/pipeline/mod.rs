@@ -20,18 +20,23 @@ mod evidence;
 mod footprints;
 mod footprints_off;
 mod frame;
+mod ground;
 mod ground_told;
 mod heights;
 mod input;
+mod issues;
 mod kept;
+mod lineage;
 mod look;
 mod overview;
 mod parts;
 mod pictures;
 mod poses;
 mod priors;
+mod recipes;
 mod records;
 mod report;
+mod scene;
 mod settings;
 mod soundness;
 mod stages;
@@ -44,17 +49,20 @@ pub use error::PipelineError;
 pub use footprints::files as footprint_files;
 pub use frame::Frame;
 pub use ground_told::GroundTold;
-pub use heights::{photo_bytes, reads_photo};
 pub use input::check_fallback;
+pub use issues::unstated_reference;
+pub use lineage::files_of;
 pub use look::look;
 pub use poses::terrain_around;
 pub use priors::{PriorsDone, Wanted, compute_priors};
 pub use report::{photos_for_city_report, write_city_report};
-pub use settings::part_settings;
-pub use stages::{correct_ground, files_of, lineage_of, reviews_of, unstated_reference};
-pub use tile::{
-    CityPart, PartHashes, PartHeights, find_footprints, footprints_around, layer_of, refused_records, survey_of,
+pub use scene::terrain_of_heights;
+pub use settings::{
+    DepthKind, DtmSettings, FootprintSettings, GroundSettings, HeightSettings, Origin, OutputSettings, PlaceSettings,
+    RecordSettings, RunSettings, SceneSettings, SurveySettings,
 };
+pub use stages::reviews_of;
+pub use tile::{CityPart, PartHashes, PartHeights, find_footprints, footprints_around, layer_of, refused_records};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -171,7 +179,7 @@ impl City {
 /// As [`run`].
 pub fn city(config: &RunConfig, tell: Tell<'_>) -> Result<City, PipelineError> {
     let options = RunOptions { from: Stage::Survey, until: Stage::Output, command: String::new() };
-    stages::run(config, &options, tell, &solve)
+    stages::run(&RunSettings::of(config), &options, tell, &solve)
 }
 
 /// Runs the stages of a configuration.
@@ -185,8 +193,8 @@ pub fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> Result<R
 
 pub use sizeup_heights::estimate::Solver;
 
-/// As [`run`], with another solver in the optimiser's place. Its results belong in a folder of their own: what the
-/// heights stage leaves behind does not tell which solver ran.
+/// As [`run`], with another solver in the optimiser's place. Its results belong in a folder of their own: the result of the heights
+/// stage does not name the solver.
 ///
 /// # Errors
 /// As [`run`].
@@ -196,5 +204,5 @@ pub fn run_with(
     tell: Tell<'_>,
     solver: Solver<'_>,
 ) -> Result<RunSummary, PipelineError> {
-    Ok(stages::run(config, options, tell, solver)?.summary)
+    Ok(stages::run(&RunSettings::of(config), options, tell, solver)?.summary)
 }

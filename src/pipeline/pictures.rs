@@ -7,7 +7,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 
 use super::kept::PriorStore;
-use super::stages::SceneStage;
+use super::scene::SceneStage;
 use super::{HeightStage, PipelineError};
 use sizeup_footprints::Detection;
 use sizeup_geo::template::name_among;

@@ -10,7 +10,7 @@ use super::attempt::{Attempt, remove_if_there};
 use super::manifest::{Done, Layout, Tile, TileViews, hash_of, sweep_litter};
 use super::stale::{StaleCheck, Trust, known};
 use super::{Lock, TilesError};
-use crate::pipeline::{CityPart, PartHeights, Tell, footprints_around, layer_of};
+use crate::pipeline::{CityPart, PartHeights, RunSettings, Tell, footprints_around, layer_of};
 use crate::recipe::{Recipe, program};
 use sizeup_geo::files::{FileError, write_whole, write_whole_unflushed};
 use sizeup_geo::issue::{Severity, Subject};
@@ -143,7 +143,8 @@ fn run_anew(
     tell: Tell<'_>,
 ) -> Result<Done, TilesError> {
     let (start, layout, manifest) = (Instant::now(), check.layout, check.manifest);
-    let part = part_of(check, tile, views.clone())?;
+    let settings = RunSettings::of(&manifest.config);
+    let part = part_of(check, &settings, tile, views.clone())?;
     // From here on its files are being replaced: the old word no longer holds.
     let path = layout.done(&tile.id);
     remove_if_there(&path)?;
@@ -166,12 +167,17 @@ fn run_anew(
     Ok(done)
 }
 
-fn part_of<'a>(check: &StaleCheck<'a>, tile: &Tile, views: TileViews) -> Result<CityPart<'a>, TilesError> {
+fn part_of<'a>(
+    check: &StaleCheck<'_>,
+    settings: &'a RunSettings<'a>,
+    tile: &Tile,
+    views: TileViews,
+) -> Result<CityPart<'a>, TilesError> {
     let manifest = check.manifest;
     let positions = views.positions_by_name();
     let survey = Survey { views: views.views, issues: Vec::new() };
-    let footprints = footprints_around(&manifest.config, tile.halo, &manifest.renamed)?;
-    let part = CityPart::new(&manifest.config, manifest.frame(), survey, positions, footprints)?;
+    let footprints = footprints_around(&settings.footprints, tile.halo, &manifest.renamed)?;
+    let part = CityPart::new(settings, manifest.frame(), survey, positions, footprints)?;
     if part.hashes() != tile.reads {
         let own =
             || format!("the footprints, the terrain or the reviews of tile {} are not those of the plan", tile.id);
@@ -190,7 +196,7 @@ fn inputs_of(
     used: &HashSet<&ViewId>,
 ) -> Result<Vec<InputFile>, TilesError> {
     let config = &check.manifest.config;
-    let footprints = layer_of(config)?.path.clone();
+    let footprints = layer_of(&RunSettings::of(config).footprints)?.path.clone();
     let terrain = config.terrain.dtm.iter().zip(&tile.reads.terrain);
     let reviews = config.reviews.iter().zip(&tile.reads.reviews);
     let parts = std::iter::once((PART_OF_FOOTPRINTS, footprints, tile.reads.footprints.clone()))

@@ -9,7 +9,7 @@ use super::attempt::Attempt;
 use super::manifest::{Common, Done, Layout, Manifest, Tile, TileViews, Tileset, fault_of, read_json};
 use super::merge::Merged;
 use super::status::{TileState, TileStatus};
-use crate::pipeline::{files_of, part_settings, photos_for_city_report};
+use crate::pipeline::{RunSettings, files_of, photos_for_city_report};
 use crate::recipe::{ABSENT, Recipe};
 use crate::tiles::Lock;
 use sizeup_geo::files::FileError;
@@ -97,7 +97,7 @@ impl StaleCheck<'_> {
         let ground_spacing_m = (!views.photos.is_empty()).then_some(manifest.ground_spacing_m);
         let frame = (manifest.origin_m, manifest.heights_m, ground_spacing_m);
         let part = |of: &Option<Content>| of.as_ref().map_or_else(|| ABSENT.to_owned(), |part| part.sha256.clone());
-        let mut recipe = Recipe::new(&part_settings(&manifest.config))
+        let mut recipe = Recipe::new(&RunSettings::of(&manifest.config).of_part)
             .with("the frame", hash_of_text(&frame))
             .with("the tile's place", hash_of_text(&(tile.core, tile.halo)))
             .with("its views", &tile.views_sha256)
@@ -163,8 +163,8 @@ impl StaleCheck<'_> {
         }
         // Which photos there are; what those hold that were read stands beside what was merged.
         let common: Common = read_json(&self.layout.common())?;
-        let photos = photos_for_city_report(&self.manifest.config, &common.views);
-        if !photos.is_empty() {
+        let photos = photos_for_city_report(&common.views);
+        if self.manifest.config.output.report.page && !photos.is_empty() {
             recipe.add("the list of photos from above", hash_of_text(&photos));
         }
         Ok(recipe)

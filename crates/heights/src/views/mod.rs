@@ -10,20 +10,18 @@
 //! ([`Choice::Each`]), or views are drawn ([`Choice::Random`]), gate, spread and cover have no part.
 
 mod each;
+mod kind;
 mod select;
 mod visibility;
 
 pub use each::{CandidateView, from_all_sides, in_turn, select_each};
+pub use kind::{NADIR_WITHIN_DEG, ViewKind};
 pub use select::{Selection, drawn, select};
 pub(crate) use visibility::corners_inside;
 pub use visibility::{ViewSight, Visibility, visibility};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-/// Off-nadir angle, degrees, up to which a view counts as nadir: footprints come from nadir views, heights from oblique ones
-/// (`SiZeUp`, "Data preparation").
-pub const NADIR_WITHIN_DEG: f64 = 15.0;
 
 /// Who chooses the views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
