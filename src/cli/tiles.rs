@@ -208,8 +208,12 @@ pub(super) fn failed(error: &TilesError) -> Failure {
     Failure::new(error.exit_code(), error)
 }
 
-fn config_of(path: &Path, assignments: &[String], output: Option<&PathBuf>) -> Result<(RunConfig, PathBuf), Failure> {
-    // Tiles may be run from another folder than this one.
+/// Loads the configuration of a city, its paths absolute: tiles may be run from another folder.
+pub(super) fn config_of(
+    path: &Path,
+    assignments: &[String],
+    output: Option<&PathBuf>,
+) -> Result<(RunConfig, PathBuf), Failure> {
     let path = absolute(path)?;
     let mut config = RunConfig::load(&path, assignments).map_err(|e| Failure::new(2, &e))?;
     config.limits.set();
@@ -326,7 +330,7 @@ pub(super) fn say_plan(ui: &Ui, manifest: &tiles::Manifest) {
     ui.say(format!("the plan is {}", Layout::new(&manifest.config.project.output).manifest().display()));
 }
 
-pub(super) fn absolute(path: &Path) -> Result<PathBuf, Failure> {
+fn absolute(path: &Path) -> Result<PathBuf, Failure> {
     std::path::absolute(path).map_err(|e| Failure::from_text(2, format!("{}: {e}", path.display())))
 }
 

@@ -8,6 +8,7 @@ use serde_json::{Map, Value, json};
 use super::Stage;
 use crate::config::RunConfig;
 use sizeup_footprints::FootprintSource;
+use sizeup_photos::prior::PriorConfig;
 
 /// The first stage that a table of the configuration decides; the last for those that only writers use.
 fn first_stage(table: &str) -> Stage {
@@ -19,10 +20,10 @@ fn first_stage(table: &str) -> Stage {
     }
 }
 
-/// The tables of a configuration; of `auto` priors those that it chooses.
-fn tables(config: &RunConfig) -> Map<String, Value> {
-    let Value::Object(mut tables) = json!(config) else { return Map::new() };
-    tables.insert("prior".to_owned(), json!(*config.prior.chosen()));
+/// The tables of a configuration; `auto` priors are replaced by those that they choose.
+fn tables(config: Value, prior: &PriorConfig) -> Map<String, Value> {
+    let Value::Object(mut tables) = config else { return Map::new() };
+    tables.insert("prior".to_owned(), json!(*prior.chosen()));
     tables
 }
 
@@ -38,6 +39,8 @@ fn without(tables: &mut Map<String, Value>, table: &str, keys: &[&str]) {
 pub(super) struct Decisive {
     /// The tables of the configuration as it is saved beside the results.
     tables: Map<String, Value>,
+    /// Settings that decide the result of a part of a city, a table of tables.
+    pub of_part: Value,
     /// Whether a run checks how well its poses fit the photos.
     is_aligned: bool,
     /// Whether footprints are found by a network that may take its depth from the run's priors.
@@ -49,8 +52,10 @@ pub(super) struct Decisive {
 impl Decisive {
     /// Settings of a configuration.
     pub fn of(config: &RunConfig, is_aligned: bool) -> Self {
+        let saved = config.saved();
         Self {
-            tables: tables(&config.saved()),
+            tables: tables(json!(saved), &saved.prior),
+            of_part: of_part(tables(json!(config), &config.prior)),
             is_aligned,
             depth_of_footprints_is_prior: matches!(&config.footprints, FootprintSource::Network(network) if network.depth.is_none()),
             from_photos: config.prior.matches_photos(),
@@ -80,10 +85,9 @@ impl Decisive {
     }
 }
 
-/// Settings that decide the result of a part of a city, a table of tables: not those of the survey, whose views are given, nor of
-/// the reviews, which are read, nor those of outputs of the whole city.
-pub(super) fn of_part(config: &RunConfig) -> Value {
-    let mut tables = tables(config);
+/// Tables that decide the result of a part of a city: not those of the survey, whose views are given, nor of the reviews, which are
+/// read, nor those of outputs of the whole city.
+fn of_part(mut tables: Map<String, Value>) -> Value {
     for given in ["survey", "align", "reviews", "limits"] {
         tables.remove(given);
     }
@@ -161,7 +165,8 @@ mod tests {
                 let why = recipe(&now, stage).why_stale(&recipe(&before, stage));
                 assert_eq!(why.is_some(), first.is_some_and(|first| first <= stage), "{change}, {stage:?}: {why:?}");
             }
-            let why = Recipe::new(&of_part(&now)).why_stale(&Recipe::new(&of_part(&before)));
+            let why = Recipe::new(RunSettings::of(&now).of_part())
+                .why_stale(&Recipe::new(RunSettings::of(&before).of_part()));
             assert_eq!(why.is_some(), is_of_part, "{change}, a part: {why:?}");
             seen.insert(change.split(['.', '=']).next().unwrap_or_default().to_owned(), true);
         }

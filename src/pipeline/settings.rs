@@ -45,8 +45,6 @@ pub struct RunSettings<'a> {
     pub reviews: Option<&'a ReviewsConfig>,
     /// Origin of the results.
     pub origin: Origin<'a>,
-    /// Settings that decide the result of a part of a city.
-    pub of_part: Value,
     /// Results of the stages on disk.
     pub(super) artefacts: Artefacts<'a>,
 }
@@ -81,7 +79,7 @@ impl<'a> RunSettings<'a> {
             layer: layer_of(&config.footprints),
             level_m: config.terrain.constant_m,
         };
-        let ground = GroundSettings::of(config, folder);
+        let ground = GroundSettings::of(crs, &config.terrain, config.ground, config.dtm.is_some().then_some(folder));
         let dtm = DtmSettings {
             model: config.dtm.as_ref(),
             places,
@@ -128,9 +126,14 @@ impl<'a> RunSettings<'a> {
             footprints: footprints.clone(),
             heights: heights.clone(),
         };
-        let of_part = super::recipes::of_part(config);
         let reviews = config.reviews.as_ref();
-        Self { survey, dtm, footprints, heights, records, output, reviews, origin, of_part, artefacts }
+        Self { survey, dtm, footprints, heights, records, output, reviews, origin, artefacts }
+    }
+
+    /// Settings that decide the result of a part of a city.
+    #[must_use]
+    pub fn of_part(&self) -> &Value {
+        &self.artefacts.decisive.of_part
     }
 
     /// Reads the survey of an earlier run of its stage.
@@ -201,16 +204,14 @@ pub struct GroundSettings<'a> {
 }
 
 impl<'a> GroundSettings<'a> {
-    fn of(config: &'a RunConfig, folder: ResultFolder<'a>) -> Self {
-        let makes_dtm = config.dtm.is_some();
-        let terrain = if makes_dtm {
-            let TerrainConfig { margin_m, min_cell_m, .. } = config.terrain;
-            Cow::Owned(TerrainConfig { margin_m, min_cell_m, ..TerrainConfig::dtm(folder.dtm()) })
-        } else {
-            Cow::Borrowed(&config.terrain)
+    /// `own` is the folder of the terrain model that the run makes, if it makes one.
+    fn of(crs: &'a Crs, given: &'a TerrainConfig, level: GroundConfig, own: Option<ResultFolder<'a>>) -> Self {
+        let TerrainConfig { margin_m, min_cell_m, .. } = *given;
+        let terrain = match own {
+            Some(folder) => Cow::Owned(TerrainConfig { margin_m, min_cell_m, ..TerrainConfig::dtm(folder.dtm()) }),
+            None => Cow::Borrowed(given),
         };
-        let squares = makes_dtm.then(|| folder.dtm_squares());
-        Self { crs: &config.project.crs, terrain, level: config.ground, squares }
+        Self { crs, terrain, level, squares: own.map(|folder| folder.dtm_squares()) }
     }
 
     /// Whether the terrain is a model that others made: its error is small, unless the photos contradict it.

@@ -334,7 +334,7 @@ impl<'a> CityPart<'a> {
     /// The origin of its results, made from some files by the settings that concern it.
     #[must_use]
     pub fn lineage(&self, command: &str, inputs: Vec<InputFile>) -> Lineage {
-        let settings = self.settings.of_part.to_string();
+        let settings = self.settings.of_part().to_string();
         let whole = self.settings.origin.lineage(command, inputs);
         Lineage { config_sha256: sha256_hex(settings.as_bytes()), ..whole }
     }

@@ -97,7 +97,7 @@ impl StaleCheck<'_> {
         let ground_spacing_m = (!views.photos.is_empty()).then_some(manifest.ground_spacing_m);
         let frame = (manifest.origin_m, manifest.heights_m, ground_spacing_m);
         let part = |of: &Option<Content>| of.as_ref().map_or_else(|| ABSENT.to_owned(), |part| part.sha256.clone());
-        let mut recipe = Recipe::new(&RunSettings::of(&manifest.config).of_part)
+        let mut recipe = Recipe::new(RunSettings::of(&manifest.config).of_part())
             .with("the frame", hash_of_text(&frame))
             .with("the tile's place", hash_of_text(&(tile.core, tile.halo)))
             .with("its views", &tile.views_sha256)

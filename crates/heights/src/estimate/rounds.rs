@@ -14,6 +14,7 @@ use crate::optimise::{
 };
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
+use crate::views::ViewKind;
 
 /// Rounds of splitting: each finds one more level of a building.
 const MAX_ROUNDS: usize = 2;

@@ -16,6 +16,7 @@ use crate::prior::DepthPrior;
 use crate::raster::Raster;
 use crate::scene::HeightsConfig;
 use crate::terrain::Terrain;
+use crate::views::ViewKind;
 
 /// One photo: camera, pose, and the depth that a network or a matcher computes from it.
 #[derive(Debug, Clone)]
