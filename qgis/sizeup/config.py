@@ -90,7 +90,7 @@ class Prior:
                 raise ConfigError("depth from a network: name its ONNX file, or a network that is in place")
             return {"source": "network", **self._network()}
         if self.source == "auto":
-            return {"source": "auto", "network": self._network()} if self.model else {"source": "auto"}
+            return {"source": "auto", **self._network()} if self.model else {"source": "auto"}
         raise ConfigError(f"depth from {self.source!r}: expected one of {', '.join(PRIOR_SOURCES)}")
 
     def _network(self) -> Table:

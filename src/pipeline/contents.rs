@@ -59,11 +59,10 @@ fn files(artefacts: &Artefacts<'_>, stage: Stage, survey: &Survey) -> BTreeSet<(
         files.extend(layers.iter().flat_map(|path| source::files_of(path)).map(|path| ("footprints", path)));
         files.extend(poses.terrain.dtm.iter().flat_map(|path| source::files_of(path)).map(|path| ("terrain", path)));
         let finds = matches!(footprints.source, FootprintSource::Network(_));
-        if let FootprintSource::Network(network) = footprints.source {
-            let depth = network.depth.clone().map_or_else(|| prior.clone(), PriorConfig::Files);
-            let of_each = depth.file_of_each(&survey.views).unwrap_or_default();
+        if finds {
+            let of_each = prior.file_of_each(&survey.views).unwrap_or_default();
             let nadir = survey.views.iter().zip(of_each).filter(|(view, _)| view.kind() == ViewKind::Nadir);
-            let files_of_depth = depth.shared_files().into_iter().chain(nadir.filter_map(|(_, path)| path));
+            let files_of_depth = prior.shared_files().into_iter().chain(nadir.filter_map(|(_, path)| path));
             files.extend(files_of_depth.map(|path| ("depth", path)));
         }
         files.extend(photos(&|view| poses.makes_dtm || (finds && view.kind() == ViewKind::Nadir)));

@@ -85,7 +85,7 @@ pub(super) fn spacing_m(footprints: MapBox) -> f64 {
 
 /// Memory that looking at the ground takes at most with so many photos, bytes.
 pub(super) fn photo_bytes(n_photos: usize) -> usize {
-    dtm::PICTURE_BYTES.min(n_photos.saturating_mul(Album::bytes_of_one(DtmConfig::default().long_side_px)))
+    dtm::PICTURE_BYTES.min(n_photos.saturating_mul(Album::bytes_of_one(dtm::LONG_SIDE_PX)))
 }
 
 /// Looks at open ground in the photos; nothing where there are too few. Where the terrain was made from them, that has been done. Of a

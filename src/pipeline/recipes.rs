@@ -57,7 +57,7 @@ impl Decisive {
             tables: tables(json!(saved), &saved.prior),
             of_part: of_part(tables(json!(config), &config.prior)),
             is_aligned,
-            depth_of_footprints_is_prior: matches!(&config.footprints, FootprintSource::Network(network) if network.depth.is_none()),
+            depth_of_footprints_is_prior: matches!(config.footprints, FootprintSource::Network(_)),
             from_photos: config.prior.matches_photos(),
         }
     }
@@ -144,7 +144,7 @@ mod tests {
         ("heights.max_m=12.0", Some(Stage::Heights), true),
         ("prior.kind=\"inverse_depth\"", Some(Stage::Heights), true),
         ("optimise.working_px=300", Some(Stage::Heights), true),
-        ("refinement.min_score=0.9", Some(Stage::Heights), true),
+        ("refinement.long_side_px=900", Some(Stage::Heights), true),
         ("refinement.enabled=false", Some(Stage::Heights), true),
         ("reviews.path=\"reviews.geojson\"", None, false),
         ("output.fallback.source=\"attribute\"", None, true),
@@ -183,7 +183,7 @@ mod tests {
         for change in ["terrain.vertical_offset_m=1.0", "refinement.enabled=false", AS_GIVEN] {
             assert!(is_stale(Stage::Survey, &with(&[]), &with(&[change])), "{change}");
         }
-        assert!(!is_stale(Stage::Survey, &with(&[]), &with(&["refinement.min_score=0.9"])));
+        assert!(!is_stale(Stage::Survey, &with(&[]), &with(&["refinement.long_side_px=900"])));
         let before = with(&["refinement.enabled=false"]);
         assert!(!is_stale(
             Stage::Survey,
@@ -192,14 +192,13 @@ mod tests {
         ));
     }
 
-    /// A network that has no depth of its own takes the run's: other priors, other footprints.
+    /// A footprint network takes the run's depth: other priors, other footprints.
     #[test]
-    fn priors_count_for_footprints_where_the_network_takes_its_depth_from_them() {
-        let own = "footprints={source=\"network\", depth={path=\"d/{stem}.npy\", kind=\"depth\"}}";
+    fn priors_count_for_footprints_where_a_network_finds_them() {
         let stale = |network: &str| {
             is_stale(Stage::Footprints, &with(&[network]), &with(&[network, "prior.kind=\"inverse_depth\""]))
         };
-        assert!(stale("footprints={source=\"network\"}") && !stale(own));
+        assert!(stale("footprints={source=\"network\"}") && !stale("footprints={path=\"a.gpkg\"}"));
     }
 
     #[test]
