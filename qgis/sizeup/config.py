@@ -47,7 +47,7 @@ class Masks:
             raise ConfigError(f"masks of the kind {self.kind!r}: expected one of {', '.join(MASK_KINDS)}")
         table: Table = {"source": "masks", "path": absolute(self.path), "kind": self.kind}
         if self.cadastre is not None:
-            table["cadastre"] = {"layer": self.cadastre.table()}
+            table["cadastre"] = self.cadastre.table()
         return table
 
 
@@ -62,7 +62,7 @@ class FootprintNetwork:
     def table(self) -> Table:
         table: Table = {"source": "network", "model": absolute(self.model), "profile": self.profile}
         if self.cadastre is not None:
-            table["cadastre"] = {"layer": self.cadastre.table()}
+            table["cadastre"] = self.cadastre.table()
         return table
 
 

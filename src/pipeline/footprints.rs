@@ -230,7 +230,7 @@ pub fn files(source: &FootprintSource, survey: &Survey) -> Vec<PathBuf> {
         files.extend(nadir.filter_map(|view| masks.file_of(view)));
     }
     if let Some(cadastre) = source.detection().and_then(|d| d.cadastre) {
-        files.push(cadastre.layer.path.clone());
+        files.push(cadastre.path.clone());
     }
     files
 }

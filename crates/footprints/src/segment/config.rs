@@ -45,10 +45,6 @@ pub struct SegmenterConfig {
     #[serde(default = "default_above")]
     #[schemars(extend("x-expert" = true))]
     pub above: f32,
-    /// Least score of an instance, 0 to 1.
-    #[serde(default = "default_min_score")]
-    #[schemars(extend("x-expert" = true))]
-    pub min_score: f32,
     /// The contour that masks follow: "ground", where walls meet the ground, or "roof".
     #[serde(default)]
     pub contour: ContourKind,
@@ -68,10 +64,6 @@ fn default_above() -> f32 {
     0.5
 }
 
-fn default_min_score() -> f32 {
-    0.5
-}
-
 impl SegmenterConfig {
     /// A network with a built-in profile and all defaults.
     #[must_use]
@@ -83,7 +75,6 @@ impl SegmenterConfig {
             pixel_m: None,
             looks: None,
             above: default_above(),
-            min_score: default_min_score(),
             contour: ContourKind::default(),
             accuracy: InputAccuracy::default(),
             roof_rounds: default_roof_rounds(),
@@ -148,9 +139,8 @@ impl SegmenterConfig {
         if !is_share(dip) {
             return refuse(format!("dip = {dip}"), "a difference of values from 0 to 1");
         }
-        if !is_share(self.above) || !is_share(self.min_score) {
-            let found = format!("above = {}, min_score = {}", self.above, self.min_score);
-            return refuse(found, "shares from 0 to 1");
+        if !is_share(self.above) {
+            return refuse(format!("above = {}", self.above), "a share from 0 to 1");
         }
         if let Some(looks) = self.looks.filter(|looks| !matches!(looks, 1 | 2 | 4)) {
             return refuse(format!("looks = {looks}"), "1, 2 or 4 looks at each tile");

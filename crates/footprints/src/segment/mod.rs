@@ -32,6 +32,8 @@ use sizeup_geo::geodata::raster::RasterFile;
 use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
 
+/// Least score of an instance, 0..1.
+const MIN_SCORE: f32 = 0.5;
 /// Share of a tile that overlaps the next one.
 const OVERLAP: f64 = 0.2;
 /// Least part of a map that is a building beside another one, as a share of the least building that is looked for.
@@ -101,7 +103,7 @@ impl ContourSource for Segmenter {
                         let score = presence * scores.as_ref().map_or(1.0, |s| s.get(i).copied().unwrap_or(0.0));
                         (map, score)
                     });
-                    let kept = scored.filter(|(_, score)| *score >= self.config.min_score);
+                    let kept = scored.filter(|(_, score)| *score >= MIN_SCORE);
                     joiner.add(tile, kept.map(|(map, score)| (at_photo_size(&map, tile), score)).collect());
                 }
                 let (labels, scores) = joiner.finish();

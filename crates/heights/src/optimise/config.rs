@@ -260,6 +260,7 @@ pub struct SearchConfig {
     /// Whether footprints that hold two roof levels (a tower on its podium) are split, after the full sweeps.
     pub split_levels: bool,
     /// Forms of roofs that are tried after the sweeps, besides the flat one. None: all are flat.
+    #[serde(skip)]
     pub roof_forms: Vec<RoofForm>,
     /// Weight of the agreement of roof pixels with the calibrated prior, against the correlation's 1. 0 = ordering only.
     #[serde(skip)]
@@ -274,6 +275,7 @@ pub struct SearchConfig {
     /// Which rays bring a view's prior to metres: `all`, `ground`, or `none` for priors that are in metres, as stereo's are.
     pub calibrate_on: CalibrationRays,
     /// Views are selected again after so many full sweeps.
+    #[serde(skip)]
     pub reselect_every: usize,
 }
 
