@@ -1,118 +1,20 @@
-//! What a stage leaves behind for the next one, and for a run that starts there.
+//! Results of the stages on disk: a later run starts from them.
 
 use std::fs::File;
 use std::io::BufReader;
 use std::path::PathBuf;
 
 use geo_types::{LineString, Polygon};
-use glam::DVec3;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use super::contents::StageFiles;
 use super::recipes::Decisive;
-use super::settings::{FootprintSettings, HeightSettings, SurveySettings};
-use super::{GroundTold, PipelineError, Stage, contents};
-use crate::config::ResultFolder;
+use super::{FootprintStage, HeightStage, PipelineError, Stage};
 use crate::recipe::Recipe;
-use sizeup_footprints::{DetectionSummary, FootprintLayer, Tracks};
 use sizeup_geo::files::write_whole;
-use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::GroundLevel;
-use sizeup_heights::estimate::{Part, Split};
-use sizeup_heights::frames::LocalOrigin;
-use sizeup_heights::ids::BuildingId;
-use sizeup_heights::optimise::{LayerShift, LevelGain, LevelOff, Solution};
 use sizeup_survey::Survey;
-
-/// Footprints with their ground.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct FootprintStage {
-    /// The layer; footprints in its order.
-    pub layer: FootprintLayer,
-    /// Ground under each footprint of the layer; `None` where the terrain has none.
-    pub ground: Vec<Option<GroundLevel>>,
-    /// Issues of the ground.
-    pub issues: Vec<Issue>,
-    /// Roof contours as the photos show them, which move with the heights.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub tracks: Option<Tracks>,
-    /// Counts of what was found in photos; `None` for a layer.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub detection: Option<DetectionSummary>,
-    /// Buildings whose footprints were split, and why; filled while heights are found.
-    #[serde(skip)]
-    pub levels: Vec<(BuildingId, LevelGain)>,
-    /// Terrain by the photos, which `ground` and the scene are corrected by; filled before heights are found, and kept with them.
-    #[serde(skip)]
-    pub told: GroundTold,
-}
-
-impl FootprintStage {
-    /// Stage of footprints that were not found in photos.
-    #[must_use]
-    pub fn of_layer(layer: FootprintLayer, ground: Vec<Option<GroundLevel>>, issues: Vec<Issue>) -> Self {
-        Self { layer, ground, issues, tracks: None, detection: None, levels: Vec::new(), told: GroundTold::default() }
-    }
-}
-
-/// Heights of the buildings whose ground is known.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct HeightStage {
-    /// Where the local frame of the solution's roofs lies in the map.
-    pub origin: LocalOrigin,
-    /// Position in the layer of each building that was solved.
-    pub solved: Vec<usize>,
-    /// Buildings and parts of buildings, in the order of `solved`; their `building` counts the footprints with a ground, unsplit.
-    pub parts: Vec<Part>,
-    /// Footprints that were split, and why.
-    #[serde(default)]
-    pub splits: Vec<Split>,
-    /// Footprints that were split and joined again, because the heights of their parts did not differ.
-    #[serde(default)]
-    pub joined: Vec<(usize, Vec<usize>)>,
-    /// The solution, one height per building of `solved`; its views are positions in the survey.
-    pub solution: Solution,
-    /// Views whose photo could not be read where roofs were settled by photos, and why.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub unread_photos: Vec<(usize, String)>,
-    /// Doubt of the ground about the priors' declared direction.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub doubt: Option<Issue>,
-    /// Shift of the footprint layer against the photos: these were moved onto it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub layer_shift: Option<LayerShift>,
-    /// Terrain by the photos.
-    #[serde(default)]
-    pub ground: GroundTold,
-}
-
-impl HeightStage {
-    /// Without a single building.
-    pub(super) fn empty() -> Self {
-        Self {
-            origin: LocalOrigin(DVec3::ZERO),
-            solved: Vec::new(),
-            parts: Vec::new(),
-            splits: Vec::new(),
-            joined: Vec::new(),
-            solution: Solution::default(),
-            unread_photos: Vec::new(),
-            doubt: None,
-            ground: GroundTold::default(),
-            layer_shift: None,
-        }
-    }
-
-    /// Error of the terrain's level by depth alone, where no photo shows the ground: it is not corrected.
-    pub(super) fn level_off(&self) -> Option<LevelOff> {
-        self.solution.level_off.filter(|_| self.ground.off_m.is_empty())
-    }
-
-    /// How far the photos were moved onto the footprints, map frame, metres.
-    pub(super) fn moved_m(&self) -> DVec3 {
-        self.layer_shift.map_or(DVec3::ZERO, |shift| shift.on_ground())
-    }
-}
 
 #[derive(Serialize)]
 struct WrittenArtefact<'a, T> {
@@ -129,22 +31,19 @@ struct Read<T> {
 /// Results of a run's stages on disk, each with the recipe that it was made by.
 #[derive(Debug, Clone)]
 pub(super) struct Artefacts<'a> {
-    pub folder: ResultFolder<'a>,
     pub decisive: Decisive,
-    pub survey: SurveySettings<'a>,
-    pub footprints: FootprintSettings<'a>,
-    pub heights: HeightSettings<'a>,
+    pub files: StageFiles<'a>,
 }
 
 impl Artefacts<'_> {
     fn path_of(&self, stage: Stage) -> PathBuf {
-        self.folder.stage_file(format!("{}.json", stage.name()))
+        self.files.folder.stage_file(format!("{}.json", stage.name()))
     }
 
     /// Recipe of a stage and those before it: settings, and the contents of their files.
     fn recipe(&self, stage: Stage, survey: &Survey) -> Recipe {
         let mut recipe = Recipe::new(&self.decisive.of_stage(stage));
-        contents::add(&mut recipe, self, stage, survey);
+        self.files.add(&mut recipe, stage, survey);
         recipe
     }
 
@@ -173,7 +72,7 @@ impl Artefacts<'_> {
     pub fn write_survey(&self, survey: &Survey) -> Result<(), PipelineError> {
         let mut saved = survey.clone();
         for path in saved.views.iter_mut().filter_map(|view| view.image.as_mut()) {
-            *path = self.folder.saved(path);
+            *path = self.files.folder.saved(path);
         }
         // The recipe is of the files as they are found from here.
         self.write_made_by(Stage::Survey, self.recipe(Stage::Survey, survey), &saved)
@@ -183,7 +82,7 @@ impl Artefacts<'_> {
     pub fn read_survey(&self) -> Result<Survey, PipelineError> {
         let mut read: Read<Survey> = self.read_any(Stage::Survey)?;
         for path in read.data.views.iter_mut().filter_map(|view| view.image.as_mut()) {
-            *path = self.folder.found(path);
+            *path = self.files.folder.found(path);
         }
         self.check(Stage::Survey, &read, &read.data)?;
         Ok(read.data)

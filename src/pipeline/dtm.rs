@@ -107,12 +107,6 @@ pub(super) fn for_run(settings: &DtmSettings<'_>, survey: &Survey, tell: Tell<'_
     Ok(())
 }
 
-/// Squares of open ground that the model of a run was made from, against it; none where they are not kept.
-pub(super) fn squares_of_run(path: &Path) -> GroundTold {
-    let file = std::fs::read(path);
-    file.ok().and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default()
-}
-
 /// Writes a model (`GeoTIFF`), in the vertical reference of the poses.
 ///
 /// # Errors

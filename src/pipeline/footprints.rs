@@ -6,19 +6,16 @@ use std::path::PathBuf;
 use glam::DVec2;
 
 use super::apart::check_apart;
-use super::ground::{extent, load_terrain};
+use super::ground::{correct_ground, load_terrain, on_ground};
 use super::settings::{FootprintSettings, GroundSettings};
-use super::{FootprintStage, GroundTold, HeightStage, PipelineError, pictures};
+use super::{FootprintStage, HeightStage, PipelineError, pictures};
 use sizeup_footprints::{ContourSource, FootprintSource, MaskFiles, Segmenter};
 use sizeup_geo::issue::{Severity, Subject};
-use sizeup_geo::terrain::{self, GroundLevel, LoadedTerrain, MapBox, Terrain, ground_under};
+use sizeup_geo::terrain::{self, LoadedTerrain, MapBox, Terrain};
 use sizeup_photos::onnx::is_profile_file;
 use sizeup_photos::prior::{PriorError, PriorSource};
 use sizeup_survey::{Survey, View, ViewKind};
 
-/// The corrected terrain slopes under a footprint from so many standard deviations of its level on: within two it may be scatter. Of the
-/// ten buildings of a real flight over level ground, the lowest level under each lay 0.2 to 0.3 m below the level in the middle.
-const SLOPE_SIGMAS: f64 = 2.0;
 /// Movement below which roofs count as settled, metres.
 const SETTLED_M: f64 = 0.02;
 
@@ -121,45 +118,6 @@ fn require_bare_ground(
     );
     let hint = "name a terrain model in `terrain.dtm`; without one, set `terrain.constant_m` to a rough level and photos find the ground";
     Err(PipelineError::Mismatch { message, hint })
-}
-
-/// Puts footprints onto the ground.
-pub(super) fn on_ground(
-    settings: &GroundSettings<'_>,
-    layer: sizeup_footprints::FootprintLayer,
-    LoadedTerrain { terrain, issues: of_terrain }: &LoadedTerrain,
-) -> FootprintStage {
-    let (ground, issues): (Vec<_>, Vec<_>) =
-        layer.footprints.iter().map(|f| ground_under(terrain, &f.id, &f.polygon, settings.level)).unzip();
-    let issues = of_terrain.iter().cloned().chain(issues.into_iter().flatten()).collect();
-    FootprintStage::of_layer(layer, ground, issues)
-}
-
-/// Puts the buildings onto the terrain as the photos correct it. Where they leave it as it is, nothing changes.
-pub(super) fn correct_ground(
-    settings: &GroundSettings<'_>,
-    footprints: &mut FootprintStage,
-    told: GroundTold,
-) -> Result<(), PipelineError> {
-    footprints.told = told;
-    let polygons = || footprints.layer.footprints.iter().map(|f| &f.polygon);
-    let (false, Some(area)) = (footprints.told.off_m.is_empty(), extent(polygons())) else { return Ok(()) };
-    let terrain = load_terrain(settings, polygons(), 0.0)?.terrain;
-    let Some(corrected) = footprints.told.corrected(settings.is_model(), &terrain, area) else { return Ok(()) };
-    let measured = footprints.told.measured(settings.is_model(), footprints);
-    let of_each = footprints.layer.footprints.iter().zip(&mut footprints.ground).zip(measured);
-    for ((footprint, ground), middle) in of_each.filter(|((_, ground), _)| ground.is_some()) {
-        // What is to be said of gaps was said when the footprint was put onto the terrain.
-        let on = |terrain| ground_under(terrain, &footprint.id, &footprint.polygon, settings.level).0;
-        let raised = on(&terrain).zip(middle).map(|(given, middle)| (given.raised(middle.off_m), middle.sigma_m));
-        let sloped = on(&corrected).or(*ground);
-        // The lowest place of a surface that only scatters lies below the ground.
-        let is_slope = |(raised, sigma_m): &(GroundLevel, f64)| {
-            sloped.is_some_and(|sloped| (sloped.reference_m - raised.reference_m).abs() > SLOPE_SIGMAS * sigma_m)
-        };
-        *ground = raised.filter(|raised| !is_slope(raised)).map_or(sloped, |(raised, _)| Some(raised));
-    }
-    Ok(())
 }
 
 /// The terrain that the nadir views see.

@@ -14,6 +14,7 @@
 //! three standard errors on.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use geo::Centroid as _;
 use geo_types::Polygon;
@@ -23,9 +24,8 @@ use rstar::RTree;
 use rstar::primitives::GeomWithData;
 use serde::{Deserialize, Serialize};
 
-use super::FootprintStage;
-use super::scene::SceneStage;
 use super::settings::GroundSettings;
+use sizeup_footprints::Footprint;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::{Dem, MapBox, Terrain};
 use sizeup_heights::raster::Raster;
@@ -93,30 +93,34 @@ pub(super) fn photo_bytes(n_photos: usize) -> usize {
 pub(super) fn look(
     ground: &GroundSettings<'_>,
     survey: &Survey,
-    footprints: &FootprintStage,
-    stage: &SceneStage,
+    footprints: &[Footprint],
+    (terrain, spacing_m): (&Terrain, f64),
     core: Option<MapBox>,
 ) -> GroundTold {
     if let Some(squares) = &ground.squares {
-        return super::dtm::squares_of_run(squares);
+        return GroundTold::read(squares);
     }
     if !survey.views.iter().any(|view| view.image.is_some()) {
         return GroundTold::default();
     }
-    let polygons: Vec<&Polygon<f64>> = footprints.layer.footprints.iter().map(|f| &f.polygon).collect();
-    let spacing_m = stage.ground_spacing_m;
+    let polygons: Vec<&Polygon<f64>> = footprints.iter().map(|f| &f.polygon).collect();
     let settings = DtmConfig { margin_m: MARGIN_M, spacing_m, ..DtmConfig::default() };
     let area = dtm::area(&survey.views, &polygons, &settings);
     let area = core.map_or(area, |core| core.grown(dtm::REACH_M + NEIGHBOURS * spacing_m).shared_with(&area));
     // A photo that cannot be read is told of elsewhere.
-    let Ok((squares, sigma_m)) = dtm::off_by(&survey.views, &polygons, &stage.terrain, area, &settings, &|_, _| ())
-    else {
+    let Ok((squares, sigma_m)) = dtm::off_by(&survey.views, &polygons, terrain, area, &settings, &|_, _| ()) else {
         return GroundTold::default();
     };
     GroundTold::of(&squares, sigma_m, |_| Some(0.0))
 }
 
 impl GroundTold {
+    /// Reads the squares that the terrain model of a run was made from, against it; none where they are not kept.
+    fn read(path: &Path) -> Self {
+        let file = std::fs::read(path);
+        file.ok().and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default()
+    }
+
     /// Squares of ground, each against a level there; `None` takes it out.
     pub(super) fn of(squares: &[GroundSquare], sigma_m: f64, level_at: impl Fn(DVec2) -> Option<f64>) -> Self {
         let ground = squares.iter().filter_map(|square| match square.outcome {
@@ -223,18 +227,18 @@ impl GroundTold {
     }
 
     /// Ground of some footprints by the squares around them, in their order; `None` where too few are near.
-    pub(super) fn measured(&self, is_model: bool, footprints: &FootprintStage) -> Vec<Option<GroundCorrection>> {
+    pub(super) fn measured(&self, is_model: bool, footprints: &[Footprint]) -> Vec<Option<GroundCorrection>> {
         let surface = self.surface();
         let of = |polygon: &Polygon<f64>| {
             let middle = polygon.centroid()?;
             let (off_m, sigma_m) = surface.at(DVec2::new(middle.x(), middle.y()))?;
             Some(GroundCorrection::of(off_m, sigma_m.hypot(BESIDE_M), is_model))
         };
-        footprints.layer.footprints.par_iter().map(|footprint| of(&footprint.polygon)).collect()
+        footprints.par_iter().map(|footprint| of(&footprint.polygon)).collect()
     }
 
     /// The same, with what is known of the others.
-    pub(super) fn corrections(&self, is_model: bool, footprints: &FootprintStage) -> Vec<Option<GroundCorrection>> {
+    pub(super) fn corrections(&self, is_model: bool, footprints: &[Footprint]) -> Vec<Option<GroundCorrection>> {
         let found = self.measured(is_model, footprints);
         let corrected: Vec<f64> = found.iter().flatten().map(|ground| ground.off_m.abs()).collect();
         // One height that is wrong elsewhere is not to be trusted where no photo shows the ground.

@@ -27,7 +27,7 @@ use sizeup_photos::prior::{
     Album, DepthPrior, GroundCorrelation, PriorConfig, PriorKind, Priors, ground_correlation, judge_tag, judge_unit,
     surely_inverted,
 };
-use sizeup_survey::{Survey, View, ViewKind, mismatch};
+use sizeup_survey::{Survey, View, mismatch};
 
 /// Views whose priors are compared with the ground before any ray is traced.
 const N_SAMPLED: usize = 5;
@@ -220,14 +220,6 @@ impl Photos for RunPhotos<'_> {
 }
 
 impl HeightSettings<'_> {
-    /// Whether the photo of a view is read while heights are estimated: for roofs, for vegetation, or for the ground.
-    #[must_use]
-    pub fn reads_photo(&self, view: &View) -> bool {
-        let masks_vegetation = self.method.optimise.leaves_out_vegetation() && view.kind() == ViewKind::Oblique;
-        let checks_ground = self.scene.ground.squares.is_none();
-        (self.method.refines_roofs() || masks_vegetation || checks_ground) && view.image.is_some()
-    }
-
     /// Memory that photos take at most where there are so many, bytes: those of roofs, then those of the ground.
     #[must_use]
     pub fn photo_bytes(&self, n_photos: usize) -> usize {

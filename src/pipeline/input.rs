@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use serde_json::{Map as JsonMap, Value};
 
 use super::apart::no_overlap;
-use super::settings::{DepthKind, PlaceSettings, RunSettings, SceneSettings};
+use super::settings::{DepthKind, HeightSettings, OutputSettings, PlaceSettings, SceneSettings};
 use super::{FootprintStage, PipelineError};
 use sizeup_footprints::{Footprint, attribute};
 use sizeup_geo::issue::{Issue, Severity, Subject};
@@ -153,8 +153,8 @@ pub(super) fn clearance_m(survey: &Survey, highest_ground: f64) -> Result<f64, P
 }
 
 /// Checks what the settings alone can tell, before any work.
-pub(super) fn check_settings(settings: &RunSettings<'_>) -> Result<(), PipelineError> {
-    let folder = settings.output.folder.path();
+pub(super) fn check_settings(output: &OutputSettings<'_>, heights: &HeightSettings<'_>) -> Result<(), PipelineError> {
+    let folder = output.folder.path();
     if folder.is_file() {
         return Err(PipelineError::Settings {
             table: "project",
@@ -162,21 +162,21 @@ pub(super) fn check_settings(settings: &RunSettings<'_>) -> Result<(), PipelineE
             hint: "name another with `--output FOLDER`, or `project.output` in the configuration",
         });
     }
-    if let Some(fault) = settings.records.fallback.fault() {
+    if let Some(fault) = output.config.fallback.fault() {
         return Err(PipelineError::Settings {
             table: "output.fallback",
             message: fault.to_owned(),
             hint: "source is none, attribute (with attribute = \"storeys\", metres_per_unit = 3.0) or neighbourhood",
         });
     }
-    if let Some((field, expected)) = settings.heights.method.refinement.fault() {
+    if let Some((field, expected)) = heights.method.refinement.fault() {
         return Err(PipelineError::Settings {
             table: "refinement",
             message: format!("`{field}` is out of range: expected {expected}"),
             hint: "leave it out for the default, or set enabled = false to leave the photos out",
         });
     }
-    match settings.footprints.heights.fault() {
+    match heights.scene.heights.fault() {
         None => Ok(()),
         Some(message) => Err(PipelineError::Settings { table: "heights", message, hint: RANGE_HINT }),
     }

@@ -1,8 +1,9 @@
 //! Origin of results: program, settings and the files that a run read.
 
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
+use super::contents::files_of;
 use super::settings::Origin;
 use super::{HeightStage, PipelineError, RunSettings, footprints};
 use sizeup_geo::files::FileError;
@@ -70,14 +71,5 @@ impl Origin<'_> {
             reference_date: self.project.reference_date.clone(),
             source: None,
         }
-    }
-}
-
-/// The file itself, or the files of a folder.
-#[must_use]
-pub fn files_of(path: &Path) -> Vec<PathBuf> {
-    match std::fs::read_dir(path) {
-        Ok(entries) => entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|p| p.is_file()).collect(),
-        Err(_) => vec![path.to_owned()],
     }
 }

@@ -36,14 +36,16 @@ mod priors;
 mod recipes;
 mod records;
 mod report;
+mod run_settings;
 mod scene;
 mod settings;
 mod soundness;
+mod stage_data;
 mod stages;
 mod tile;
 mod worst;
 
-pub use artefact::{FootprintStage, HeightStage};
+pub use contents::files_of;
 pub use dtm::{dtm_of_photos, write_dtm, write_project};
 pub use error::PipelineError;
 pub use footprints::files as footprint_files;
@@ -51,16 +53,17 @@ pub use frame::Frame;
 pub use ground_told::GroundTold;
 pub use input::check_fallback;
 pub use issues::unstated_reference;
-pub use lineage::files_of;
 pub use look::look;
 pub use poses::terrain_around;
 pub use priors::{PriorsDone, Wanted, compute_priors};
 pub use report::{photos_for_city_report, write_city_report};
+pub use run_settings::RunSettings;
 pub use scene::terrain_of_heights;
 pub use settings::{
     DepthKind, DtmSettings, FootprintSettings, GroundSettings, HeightSettings, Origin, OutputSettings, PlaceSettings,
-    RecordSettings, RunSettings, SceneSettings, SurveySettings,
+    RecordSettings, SceneSettings, SurveySettings,
 };
+pub use stage_data::{FootprintStage, HeightStage};
 pub use stages::reviews_of;
 pub use tile::{CityPart, PartHashes, PartHeights, find_footprints, footprints_around, layer_of, refused_records};
 

@@ -25,7 +25,8 @@ pub(super) fn records(
     reviews: &Reviews,
 ) -> Vec<BuildingRecord> {
     let mut records = found(survey, footprints, heights, settings.height_reference);
-    for (record, correction) in records.iter_mut().zip(heights.ground.corrections(settings.ground_is_model, footprints))
+    for (record, correction) in
+        records.iter_mut().zip(heights.ground.corrections(settings.ground_is_model, &footprints.layer.footprints))
     {
         if let Some(correction) = correction {
             add_ground_sigma(record, correction);

@@ -2,14 +2,13 @@
 
 use glam::DVec3;
 
-use super::footprints::correct_ground;
 use super::frame::{Frame, origin};
-use super::ground::{corrected_terrain_around, extent, on_known_ground};
+use super::ground::{correct_ground, corrected_terrain_around, extent, on_known_ground};
 use super::input::{check_views, height_bounds};
 use super::parts::split_footprints;
 use super::settings::{GroundSettings, SceneSettings};
-use super::{FootprintStage, HeightStage, PipelineError, ground_told};
-use sizeup_geo::terrain::Terrain;
+use super::{FootprintStage, GroundTold, HeightStage, PipelineError, ground_told};
+use sizeup_geo::terrain::{MapBox, Terrain};
 use sizeup_heights::estimate::move_footprints;
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::scene::Scene;
@@ -47,9 +46,21 @@ impl SceneStage {
         footprints: &mut FootprintStage,
     ) -> Result<Self, PipelineError> {
         let given = Self::new(settings, survey, footprints)?;
-        let told = ground_told::look(&settings.ground, survey, footprints, &given, None);
+        let told = given.ground_in_photos(&settings.ground, survey, footprints, None);
         correct_ground(&settings.ground, footprints, told)?;
         Self::new(settings, survey, footprints)
+    }
+
+    /// Searches the photos for open ground; of a part of a city around its core.
+    pub fn ground_in_photos(
+        &self,
+        settings: &GroundSettings<'_>,
+        survey: &Survey,
+        footprints: &FootprintStage,
+        core: Option<MapBox>,
+    ) -> GroundTold {
+        let around = (&self.terrain, self.ground_spacing_m);
+        ground_told::look(settings, survey, &footprints.layer.footprints, around, core)
     }
 
     /// The same in a frame that is given.

@@ -1,149 +1,23 @@
 //! Settings of each stage: the sections of the configuration that it needs, and nothing else.
 //!
-//! [`RunSettings`] is built once, where a command enters the pipeline. From there on each stage gets its own settings, so that no
-//! stage reads those of another.
+//! [`RunSettings`](super::RunSettings) is built once, where a command enters the pipeline. From there on each stage gets its own
+//! settings, so that no stage reads those of another.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-use serde_json::Value;
-
-use super::PipelineError;
-use super::artefact::Artefacts;
-use super::recipes::Decisive;
-use crate::config::{FootprintPlace, OutputConfig, ProjectConfig, ResultFolder, RunConfig};
+use crate::config::{FootprintPlace, OutputConfig, ProjectConfig, ResultFolder};
 use sizeup_footprints::{FootprintConfig, FootprintSource};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::terrain::{GroundConfig, TerrainConfig};
 use sizeup_heights::estimate::MethodSettings;
 use sizeup_heights::scene::HeightsConfig;
-use sizeup_photos::align::{AlignConfig, AlignWhen};
+use sizeup_photos::align::AlignConfig;
 use sizeup_photos::dtm::DtmConfig;
 use sizeup_photos::prior::PriorConfig;
 use sizeup_results::output::HeightReference;
 use sizeup_results::output::fallback::FallbackConfig;
-use sizeup_results::output::reviews::ReviewsConfig;
-use sizeup_results::output::sha256_hex;
-use sizeup_survey::{Survey, SurveyConfig};
-
-/// Settings of all stages, each on its own.
-#[derive(Debug, Clone)]
-pub struct RunSettings<'a> {
-    /// Settings of the survey.
-    pub survey: SurveySettings<'a>,
-    /// Settings of the terrain model from photos.
-    pub dtm: DtmSettings<'a>,
-    /// Settings of the footprints.
-    pub footprints: FootprintSettings<'a>,
-    /// Settings of the heights.
-    pub heights: HeightSettings<'a>,
-    /// Settings of the records.
-    pub records: RecordSettings<'a>,
-    /// Settings of the writers.
-    pub output: OutputSettings<'a>,
-    /// Decisions of people about single buildings.
-    pub reviews: Option<&'a ReviewsConfig>,
-    /// Origin of the results.
-    pub origin: Origin<'a>,
-    /// Results of the stages on disk.
-    pub(super) artefacts: Artefacts<'a>,
-}
-
-impl<'a> RunSettings<'a> {
-    /// Splits a configuration into the settings of its stages.
-    #[must_use]
-    pub fn of(config: &'a RunConfig) -> Self {
-        let folder = config.result_folder();
-        let crs = &config.project.crs;
-        let depth = DepthKind { is_in_metres: config.prior.is_in_metres(), from_photos: config.prior.matches_photos() };
-        let method = MethodSettings { optimise: config.optimise.clone(), refinement: config.refinement.clone() };
-        let is_aligned = match config.align.when {
-            AlignWhen::Auto => depth.from_photos || method.refines_roofs(),
-            AlignWhen::Always => true,
-            AlignWhen::Never => false,
-        };
-        let survey = SurveySettings {
-            config: &config.survey,
-            crs,
-            align: &config.align,
-            is_aligned,
-            from_photos: depth.from_photos,
-            terrain: &config.terrain,
-            makes_dtm: config.dtm.is_some(),
-            folder,
-            draws_pictures: config.output.pictures,
-        };
-        let places = PlaceSettings {
-            crs,
-            survey_crs: config.survey.crs.as_ref(),
-            layer: layer_of(&config.footprints),
-            level_m: config.terrain.constant_m,
-        };
-        let ground = GroundSettings::of(crs, &config.terrain, config.ground, config.dtm.is_some().then_some(folder));
-        let dtm = DtmSettings {
-            model: config.dtm.as_ref(),
-            places,
-            terrain: &config.terrain,
-            depth,
-            folder,
-            draws_picture: config.output.pictures,
-        };
-        let footprints = FootprintSettings {
-            source: &config.footprints,
-            ground: ground.clone(),
-            places,
-            prior: &config.prior,
-            heights: &config.heights,
-            folder,
-            draws_pictures: config.output.pictures,
-        };
-        let heights = HeightSettings {
-            scene: SceneSettings { ground: ground.clone(), places, heights: &config.heights, depth },
-            footprints: &config.footprints,
-            images: config.survey.images.as_deref(),
-            prior: &config.prior,
-            method,
-            seed: config.seed,
-        };
-        let records = RecordSettings {
-            ground_is_model: ground.is_model(),
-            height_reference: config.optimise.height_reference,
-            place: config.output.footprints,
-            fallback: &config.output.fallback,
-        };
-        let config_toml = config.saved().to_toml();
-        let origin = Origin {
-            project: &config.project,
-            ground: config.ground,
-            seed: config.seed,
-            config_sha256: sha256_hex(config_toml.as_bytes()),
-        };
-        let output = OutputSettings { config: &config.output, ground, folder, config_toml };
-        let artefacts = Artefacts {
-            folder,
-            decisive: Decisive::of(config, is_aligned),
-            survey: survey.clone(),
-            footprints: footprints.clone(),
-            heights: heights.clone(),
-        };
-        let reviews = config.reviews.as_ref();
-        Self { survey, dtm, footprints, heights, records, output, reviews, origin, artefacts }
-    }
-
-    /// Settings that decide the result of a part of a city.
-    #[must_use]
-    pub fn of_part(&self) -> &Value {
-        &self.artefacts.decisive.of_part
-    }
-
-    /// Reads the survey of an earlier run of its stage.
-    ///
-    /// # Errors
-    /// [`PipelineError::Artefact`].
-    pub fn survey(&self) -> Result<Survey, PipelineError> {
-        self.artefacts.read_survey()
-    }
-}
+use sizeup_survey::{SurveyConfig, View, ViewKind};
 
 /// Kind of the depth that heights are measured in.
 #[derive(Debug, Clone, Copy)]
@@ -205,7 +79,12 @@ pub struct GroundSettings<'a> {
 
 impl<'a> GroundSettings<'a> {
     /// `own` is the folder of the terrain model that the run makes, if it makes one.
-    fn of(crs: &'a Crs, given: &'a TerrainConfig, level: GroundConfig, own: Option<ResultFolder<'a>>) -> Self {
+    pub(super) fn of(
+        crs: &'a Crs,
+        given: &'a TerrainConfig,
+        level: GroundConfig,
+        own: Option<ResultFolder<'a>>,
+    ) -> Self {
         let TerrainConfig { margin_m, min_cell_m, .. } = *given;
         let terrain = match own {
             Some(folder) => Cow::Owned(TerrainConfig { margin_m, min_cell_m, ..TerrainConfig::dtm(folder.dtm()) }),
@@ -296,6 +175,16 @@ pub struct HeightSettings<'a> {
     pub seed: u64,
 }
 
+impl HeightSettings<'_> {
+    /// Whether the photo of a view is read while heights are estimated: for roofs, for vegetation, or for the ground.
+    #[must_use]
+    pub fn reads_photo(&self, view: &View) -> bool {
+        let masks_vegetation = self.method.optimise.leaves_out_vegetation() && view.kind() == ViewKind::Oblique;
+        let checks_ground = self.scene.ground.squares.is_none();
+        (self.method.refines_roofs() || masks_vegetation || checks_ground) && view.image.is_some()
+    }
+}
+
 /// Settings of the records: one per building.
 #[derive(Debug, Clone, Copy)]
 pub struct RecordSettings<'a> {
@@ -333,11 +222,4 @@ pub struct Origin<'a> {
     pub seed: u64,
     /// Hash of the configuration as saved beside the results.
     pub config_sha256: String,
-}
-
-fn layer_of(source: &FootprintSource) -> Option<&FootprintConfig> {
-    match source {
-        FootprintSource::Layer(layer) => Some(layer),
-        FootprintSource::Masks(_) | FootprintSource::Network(_) => None,
-    }
 }

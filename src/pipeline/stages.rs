@@ -40,7 +40,7 @@ pub(super) fn run(
             hint: "the stages are survey, footprints, heights, output",
         });
     }
-    check_settings(settings)?;
+    check_settings(&settings.output, &settings.heights)?;
     let reviews = reviews_of(settings.reviews)?;
     let folder = settings.output.folder;
     // The mark shows that the folder is not complete, also after a run was killed.

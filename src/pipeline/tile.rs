@@ -10,8 +10,7 @@ use std::path::PathBuf;
 use geo::BoundingRect as _;
 use serde::{Deserialize, Serialize};
 
-use super::footprints::{correct_ground, on_ground};
-use super::ground::{load_terrain, terrain_around};
+use super::ground::{correct_ground, load_terrain, on_ground, terrain_around};
 use super::heights::HeightSearch;
 use super::issues::view_issues;
 use super::kept::PriorStore;
@@ -19,9 +18,7 @@ use super::records::records;
 use super::scene::SceneStage;
 use super::settings::{FootprintSettings, GroundSettings, HeightSettings};
 use super::stages::{self, reviews_of};
-use super::{
-    FootprintStage, Frame, GroundTold, HeightStage, PipelineError, RunOptions, RunSettings, Stage, Tell, ground_told,
-};
+use super::{FootprintStage, Frame, GroundTold, HeightStage, PipelineError, RunOptions, RunSettings, Stage, Tell};
 use sizeup_footprints::{self, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint};
 use sizeup_geo::hashes::Content;
 use sizeup_geo::issue::Issue;
@@ -288,7 +285,7 @@ impl<'a> CityPart<'a> {
         let (mut footprints, ground) = (self.footprints.clone(), &self.settings.footprints.ground);
         let heights = match &self.scene {
             Some(given) => {
-                let told = ground_told::look(ground, &self.survey, &footprints, given, Some(*core));
+                let told = given.ground_in_photos(ground, &self.survey, &footprints, Some(*core));
                 correct_ground(ground, &mut footprints, told)?;
                 let mut scene = SceneStage::in_frame(ground, &self.frame, &footprints)?;
                 // Computed priors depend on the terrain.

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use serde_json::Value;
 use sizeup::config::RunConfig;
-use sizeup::scene::RoofForm;
 use sizeup::pipeline::{self, RunOptions, Stage};
+use sizeup::scene::RoofForm;
 use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind, simulate};
 
 /// A village of pitched roofs, seen from all sides, with one level of prior errors.

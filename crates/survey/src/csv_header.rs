@@ -248,11 +248,7 @@ fn stated_separator(text: &str) -> Option<(u8, usize)> {
 }
 
 /// The layout of a table; `fit` judges the names of a line.
-pub(super) fn layout<'a>(
-    text: &'a str,
-    config: &CsvConfig,
-    fit: impl Fn(&CsvHeader) -> HeaderFit,
-) -> CsvLayout<'a> {
+pub(super) fn layout<'a>(text: &'a str, config: &CsvConfig, fit: impl Fn(&CsvHeader) -> HeaderFit) -> CsvLayout<'a> {
     let stated = stated_separator(text);
     let declared = if config.is_spaced { Some(None) } else { stated.map(|(separator, _)| Some(separator)) };
     let rows = &text[stated.map_or(0, |(_, length)| length)..];
