@@ -52,7 +52,7 @@ pub enum ConfigError {
         path: PathBuf,
         /// The problem, with the line underlined.
         message: String,
-        /// Advice to the user: what to change or to look at.
+        /// Advice: what to change or to check.
         hint: String,
     },
     /// A `--set` that cannot be applied.
@@ -62,7 +62,7 @@ pub enum ConfigError {
         assignment: String,
         /// The problem with the assignment.
         message: String,
-        /// Advice to the user: what to change or to look at.
+        /// Advice: what to change or to check.
         hint: String,
     },
 }

@@ -1,4 +1,4 @@
-//! A terrain model from the photos: made by itself, or before the footprints of a run that asks for it.
+//! A terrain model from the photos: made by itself, or by a run with `[dtm]`, before its footprints.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use glam::DVec3;
 use super::apart::check_apart;
 use super::input::check_baseline;
 use super::settings::{DtmSettings, OutputSettings, SurveySettings};
-use super::{Event, GroundTold, PipelineError, Tell, soundness};
+use super::{Event, PhotoGround, PipelineError, Tell, soundness};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::write_json;
 use sizeup_geo::geodata::raster::RasterFile;
@@ -25,7 +25,7 @@ use sizeup_survey::Survey;
 const NODATA: f32 = -9999.0;
 
 /// Makes the model around the configuration's footprints, and gives them too (none where they are yet to be found).
-/// `progress` is told how many squares of how many are done.
+/// `progress` takes the squares done and their total.
 ///
 /// # Errors
 /// [`PipelineError`]: among others where the configuration has no rough level to start from.
@@ -97,7 +97,7 @@ pub(super) fn for_run(settings: &DtmSettings<'_>, survey: &Survey, tell: Tell<'_
     check_baseline(settings.depth, survey, &place.targets())?;
     let (dtm, footprints) = place.dtm(survey, model, &|done, total| tell(Event::Ground { done, total }))?;
     write_dtm(&dtm, crs, &settings.folder.dtm())?;
-    let squares = GroundTold::of(&dtm.squares, dtm.sigma_m, |at| dtm.dem.height_at(at.x, at.y));
+    let squares = PhotoGround::of(&dtm.squares, dtm.sigma_m, |at| dtm.dem.height_at(at.x, at.y));
     write_json(&settings.folder.dtm_squares(), &squares)?;
     if settings.draws_picture {
         let polygons: Vec<&Polygon<f64>> = footprints.iter().collect();

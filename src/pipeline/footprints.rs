@@ -168,8 +168,8 @@ pub(super) fn move_roofs(
     let layer = std::mem::take(&mut footprints.layer);
     let fresh = on_ground(ground, layer, &terrain);
     (footprints.layer, footprints.ground, footprints.issues) = (fresh.layer, fresh.ground, fresh.issues);
-    let told = std::mem::take(&mut footprints.told);
-    correct_ground(ground, footprints, told)?;
+    let photo_ground = std::mem::take(&mut footprints.photo_ground);
+    correct_ground(ground, footprints, photo_ground)?;
     Ok(moved.iter().any(|m| *m > SETTLED_M))
 }
 

@@ -1,6 +1,6 @@
 //! What the parts of a city share, so that a building comes out the same in all of them.
 
-use super::{PipelineError, ground_told, input};
+use super::{PipelineError, input, photo_ground};
 use sizeup_geo::terrain::MapBox;
 use sizeup_heights::estimate::LocalFrame;
 use sizeup_heights::frames::LocalOrigin;
@@ -14,7 +14,7 @@ pub struct Frame {
     pub origin: LocalOrigin,
     /// The range of heights of every building.
     pub bounds: HeightBounds,
-    /// From one place where the ground is looked at in the photos to the next, metres.
+    /// Distance between the places where the photos are searched for ground, metres.
     pub ground_spacing_m: f64,
 }
 
@@ -31,7 +31,7 @@ impl Frame {
     ) -> Result<Self, PipelineError> {
         let lowest_flight_m = input::clearance_m(survey, highest_ground_m)?;
         let bounds = input::height_bounds(settings, lowest_flight_m)?;
-        Ok(Self { origin: origin(survey, area), bounds, ground_spacing_m: ground_told::spacing_m(area) })
+        Ok(Self { origin: origin(survey, area), bounds, ground_spacing_m: photo_ground::spacing_m(area) })
     }
 }
 

@@ -3,7 +3,7 @@
 use geo_types::Polygon;
 
 use super::settings::GroundSettings;
-use super::{FootprintStage, Frame, GroundTold, PipelineError};
+use super::{FootprintStage, Frame, PhotoGround, PipelineError};
 use sizeup_footprints::FootprintLayer;
 use sizeup_geo::terrain::{self, GroundLevel, LoadedTerrain, MapBox, Terrain, ground_under};
 
@@ -60,7 +60,7 @@ pub(super) fn corrected_terrain_around(
     let on_ground = on_known_ground(footprints);
     let area = extent(on_ground.iter().map(|(polygon, _)| *polygon));
     let area = area.map(|area| area.grown(frame.bounds.ground_margin_m()));
-    Ok(area.and_then(|area| footprints.told.corrected(settings.is_model(), &terrain, area)).unwrap_or(terrain))
+    Ok(area.and_then(|area| footprints.photo_ground.corrected(settings.is_model(), &terrain, area)).unwrap_or(terrain))
 }
 
 /// Puts footprints onto the ground.
@@ -79,14 +79,14 @@ pub(super) fn on_ground(
 pub(super) fn correct_ground(
     settings: &GroundSettings<'_>,
     footprints: &mut FootprintStage,
-    told: GroundTold,
+    photo_ground: PhotoGround,
 ) -> Result<(), PipelineError> {
-    footprints.told = told;
+    footprints.photo_ground = photo_ground;
     let polygons = || footprints.layer.footprints.iter().map(|f| &f.polygon);
-    let (false, Some(area)) = (footprints.told.off_m.is_empty(), extent(polygons())) else { return Ok(()) };
+    let (false, Some(area)) = (footprints.photo_ground.off_m.is_empty(), extent(polygons())) else { return Ok(()) };
     let terrain = load_terrain(settings, polygons(), 0.0)?.terrain;
-    let Some(corrected) = footprints.told.corrected(settings.is_model(), &terrain, area) else { return Ok(()) };
-    let measured = footprints.told.measured(settings.is_model(), &footprints.layer.footprints);
+    let Some(corrected) = footprints.photo_ground.corrected(settings.is_model(), &terrain, area) else { return Ok(()) };
+    let measured = footprints.photo_ground.measured(settings.is_model(), &footprints.layer.footprints);
     let of_each = footprints.layer.footprints.iter().zip(&mut footprints.ground).zip(measured);
     for ((footprint, ground), middle) in of_each.filter(|((_, ground), _)| ground.is_some()) {
         // Gaps were reported when the footprint was put onto the terrain.

@@ -12,7 +12,7 @@ use super::kept::PriorStore;
 use super::parts::buildings_of;
 use super::scene::SceneStage;
 use super::settings::HeightSettings;
-use super::{Event, FootprintStage, HeightStage, PipelineError, Solver, Stage, Tell, ground_told};
+use super::{Event, FootprintStage, HeightStage, PipelineError, Solver, Stage, Tell, photo_ground};
 use sizeup_footprints::FootprintSource;
 use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::Terrain;
@@ -156,7 +156,7 @@ impl<'a> HeightSearch<'a> {
             joined,
             solution,
             unread_photos,
-            ground: footprints.told.clone(),
+            ground: footprints.photo_ground.clone(),
             layer_shift,
             doubt: run_priors.doubt(self.settings.prior),
         }
@@ -224,7 +224,7 @@ impl HeightSettings<'_> {
     #[must_use]
     pub fn photo_bytes(&self, n_photos: usize) -> usize {
         let of_one = Album::bytes_of_one(self.method.refinement.long_side_px);
-        PICTURE_BYTES.min(n_photos.saturating_mul(of_one)).max(ground_told::photo_bytes(n_photos))
+        PICTURE_BYTES.min(n_photos.saturating_mul(of_one)).max(photo_ground::photo_bytes(n_photos))
     }
 
     /// Settings of the solver for the run's depth: depth in metres is not calibrated.
@@ -259,9 +259,8 @@ fn cameras(survey: &Survey) -> Vec<NamedCamera> {
     survey.views.iter().map(named).collect()
 }
 
-/// Looks at some priors before rays are traced for all of them: whether one can be used (without a single one there
-/// is nothing to solve, and the settings are wrong, not single photos), and whether they follow the ground. Computed priors are told
-/// of as they are computed; what they need is photos.
+/// Checks some priors before rays are traced for all of them: that one can be used (else the settings are wrong, not single photos),
+/// and that they follow the ground. Computed priors only need photos here; their computation reports its own errors.
 fn require_a_prior(
     &HeightSearch { settings, survey, tell, .. }: &HeightSearch<'_>,
     priors: &PriorStore,

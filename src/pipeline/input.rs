@@ -19,10 +19,10 @@ use sizeup_survey::{Survey, ViewKind, Viewpoints};
 const UNSEEN: &str = "footprints_unseen";
 const RANGE_HINT: &str = "set heights.min_m and heights.max_m in metres above ground";
 
-/// Buildings that are looked at to learn from how many places the photos were taken.
+/// Buildings sampled to count the places that photos were taken from.
 const N_LOOKED_AT: usize = 200;
 
-/// Checks that the views look at the footprints from above; returns the lowest flying height above ground, metres.
+/// Checks that the views show the footprints from above; returns the lowest flying height above ground, metres.
 pub(super) fn check_views(
     settings: &SceneSettings<'_>,
     survey: &Survey,
@@ -152,7 +152,7 @@ pub(super) fn clearance_m(survey: &Survey, highest_ground: f64) -> Result<f64, P
     Ok(lowest)
 }
 
-/// Checks what the settings alone can tell, before any work.
+/// Checks the settings before any work.
 pub(super) fn check_settings(output: &OutputSettings<'_>, heights: &HeightSettings<'_>) -> Result<(), PipelineError> {
     let folder = output.folder.path();
     if folder.is_file() {
@@ -182,7 +182,7 @@ pub(super) fn check_settings(output: &OutputSettings<'_>, heights: &HeightSettin
     }
 }
 
-/// Checks that some footprint has the attribute that heights are to come from where photos do not tell them.
+/// Checks that some footprint has the attribute that replaces heights that could not be measured.
 ///
 /// # Errors
 /// [`PipelineError::Settings`].

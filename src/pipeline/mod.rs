@@ -21,7 +21,6 @@ mod footprints;
 mod footprints_off;
 mod frame;
 mod ground;
-mod ground_told;
 mod heights;
 mod input;
 mod issues;
@@ -30,6 +29,7 @@ mod lineage;
 mod look;
 mod overview;
 mod parts;
+mod photo_ground;
 mod pictures;
 mod poses;
 mod priors;
@@ -50,10 +50,10 @@ pub use dtm::{dtm_of_photos, write_dtm, write_project};
 pub use error::PipelineError;
 pub use footprints::files as footprint_files;
 pub use frame::Frame;
-pub use ground_told::GroundTold;
 pub use input::check_fallback;
 pub use issues::unstated_reference;
 pub use look::look;
+pub use photo_ground::PhotoGround;
 pub use poses::terrain_around;
 pub use priors::{PriorsDone, Wanted, compute_priors};
 pub use report::{photos_for_city_report, write_city_report};
@@ -126,7 +126,7 @@ pub enum Event {
         /// Number of sizes of the photos in all.
         total: usize,
     },
-    /// So many photos were looked at for blur and exposure.
+    /// So many photos were checked for blur and exposure.
     Photos {
         /// Number of photos done.
         done: usize,
@@ -140,9 +140,9 @@ pub enum Event {
         /// Number of places in all.
         total: usize,
     },
-    /// The first priors do not follow the ground: told before the work that rests on them.
+    /// The first priors do not follow the ground; reported before the work that depends on them.
     PriorsDoubted {
-        /// Number of views looked at.
+        /// Number of views checked.
         n_views: usize,
     },
     /// So much of some work within a stage is done.
@@ -156,7 +156,7 @@ pub enum Event {
     },
 }
 
-/// Told about every [`Event`], from any thread.
+/// Callback for every [`Event`], from any thread.
 pub type Tell<'a> = &'a (dyn Fn(Event) + Sync);
 
 /// The result of a run in memory: what its files say.

@@ -177,7 +177,7 @@ mod tests {
         assert!(forgotten.is_empty(), "tables that no change here is of: {forgotten:?}");
     }
 
-    /// Poses that may be aligned with the photos stand over the ground: another ground, or no say of photos, other poses.
+    /// Poses that may be aligned with the photos depend on the ground: another ground, or no photos, gives other poses.
     #[test]
     fn the_ground_counts_for_poses_that_may_be_aligned() {
         for change in ["terrain.vertical_offset_m=1.0", "refinement.enabled=false", AS_GIVEN] {

@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 
-use super::ground_told::GroundCorrection;
+use super::photo_ground::GroundCorrection;
 use super::settings::RecordSettings;
 use super::{FootprintStage, HeightStage};
 use crate::config::FootprintPlace;
@@ -119,7 +119,7 @@ fn add_ground_sigma(record: &mut BuildingRecord, correction: GroundCorrection) {
     }
 }
 
-/// Adds a reason to look at a height again.
+/// Adds a reason to check a height.
 fn doubt(record: &mut BuildingRecord, reason: Reason) {
     let code = reason.code();
     if let Err(at) = record.reasons.binary_search_by(|known| known.as_str().cmp(code)) {

@@ -7,7 +7,7 @@ use super::ground::{correct_ground, corrected_terrain_around, extent, on_known_g
 use super::input::{check_views, height_bounds};
 use super::parts::split_footprints;
 use super::settings::{GroundSettings, SceneSettings};
-use super::{FootprintStage, GroundTold, HeightStage, PipelineError, ground_told};
+use super::{FootprintStage, HeightStage, PhotoGround, PipelineError, photo_ground};
 use sizeup_geo::terrain::{MapBox, Terrain};
 use sizeup_heights::estimate::move_footprints;
 use sizeup_heights::frames::LocalOrigin;
@@ -35,7 +35,7 @@ impl SceneStage {
         let bounds = height_bounds(settings.heights, check_views(settings, survey, footprints)?)?;
         let area = extent(footprints.layer.footprints.iter().map(|f| &f.polygon));
         let (origin, ground_spacing_m) =
-            area.map_or((LocalOrigin(DVec3::ZERO), 0.0), |area| (origin(survey, area), ground_told::spacing_m(area)));
+            area.map_or((LocalOrigin(DVec3::ZERO), 0.0), |area| (origin(survey, area), photo_ground::spacing_m(area)));
         Self::in_frame(&settings.ground, &Frame { origin, bounds, ground_spacing_m }, footprints)
     }
 
@@ -46,8 +46,8 @@ impl SceneStage {
         footprints: &mut FootprintStage,
     ) -> Result<Self, PipelineError> {
         let given = Self::new(settings, survey, footprints)?;
-        let told = given.ground_in_photos(&settings.ground, survey, footprints, None);
-        correct_ground(&settings.ground, footprints, told)?;
+        let photo_ground = given.ground_in_photos(&settings.ground, survey, footprints, None);
+        correct_ground(&settings.ground, footprints, photo_ground)?;
         Self::new(settings, survey, footprints)
     }
 
@@ -58,9 +58,9 @@ impl SceneStage {
         survey: &Survey,
         footprints: &FootprintStage,
         core: Option<MapBox>,
-    ) -> GroundTold {
+    ) -> PhotoGround {
         let around = (&self.terrain, self.ground_spacing_m);
-        ground_told::look(settings, survey, &footprints.layer.footprints, around, core)
+        photo_ground::look(settings, survey, &footprints.layer.footprints, around, core)
     }
 
     /// The same in a frame that is given.

@@ -10,7 +10,7 @@ use sizeup_geo::terrain::Terrain;
 use sizeup_results::output::picture;
 use sizeup_survey::{Reading, Site, Survey, SurveyReport};
 
-/// Reads the survey, which tells where its terrain is needed.
+/// Reads the survey; its views show where terrain is needed.
 pub(super) fn read(settings: &SurveySettings<'_>) -> Result<Reading, PipelineError> {
     Ok(Reading::of(settings.config, settings.crs)?)
 }

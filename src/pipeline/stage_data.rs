@@ -3,7 +3,7 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::GroundTold;
+use super::PhotoGround;
 use sizeup_footprints::{DetectionSummary, FootprintLayer, Tracks};
 use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::GroundLevel;
@@ -32,14 +32,22 @@ pub struct FootprintStage {
     pub levels: Vec<(BuildingId, LevelGain)>,
     /// Terrain by the photos, which `ground` and the scene are corrected by; filled before heights are found, and kept with them.
     #[serde(skip)]
-    pub told: GroundTold,
+    pub photo_ground: PhotoGround,
 }
 
 impl FootprintStage {
     /// Stage of footprints that were not found in photos.
     #[must_use]
     pub fn of_layer(layer: FootprintLayer, ground: Vec<Option<GroundLevel>>, issues: Vec<Issue>) -> Self {
-        Self { layer, ground, issues, tracks: None, detection: None, levels: Vec::new(), told: GroundTold::default() }
+        Self {
+            layer,
+            ground,
+            issues,
+            tracks: None,
+            detection: None,
+            levels: Vec::new(),
+            photo_ground: PhotoGround::default(),
+        }
     }
 }
 
@@ -71,7 +79,7 @@ pub struct HeightStage {
     pub layer_shift: Option<LayerShift>,
     /// Terrain by the photos.
     #[serde(default)]
-    pub ground: GroundTold,
+    pub ground: PhotoGround,
 }
 
 impl HeightStage {
@@ -86,7 +94,7 @@ impl HeightStage {
             solution: Solution::default(),
             unread_photos: Vec::new(),
             doubt: None,
-            ground: GroundTold::default(),
+            ground: PhotoGround::default(),
             layer_shift: None,
         }
     }

@@ -215,7 +215,7 @@ fn summary_of_survey(settings: &RunSettings<'_>, survey: &Survey) -> RunSummary 
     }
 }
 
-/// Adds the issues that the records tell of, puts all by weight, and counts.
+/// Adds the issues of the records, sorts all by weight, and counts.
 fn sum_up(summary: &mut RunSummary, records: &[BuildingRecord], issues: &mut Vec<Issue>) {
     issues.extend(unmeasured(records, issues));
     let implausible = CityDoubts::of(records).implausible();

@@ -18,7 +18,7 @@ use super::records::records;
 use super::scene::SceneStage;
 use super::settings::{FootprintSettings, GroundSettings, HeightSettings};
 use super::stages::{self, reviews_of};
-use super::{FootprintStage, Frame, GroundTold, HeightStage, PipelineError, RunOptions, RunSettings, Stage, Tell};
+use super::{FootprintStage, Frame, HeightStage, PhotoGround, PipelineError, RunOptions, RunSettings, Stage, Tell};
 use sizeup_footprints::{self, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint};
 use sizeup_geo::hashes::Content;
 use sizeup_geo::issue::Issue;
@@ -56,7 +56,7 @@ pub struct PartHeights {
     /// Views whose prior was used.
     pub used_views: Vec<ViewId>,
     /// Terrain by the photos in the core and close to it.
-    pub ground: GroundTold,
+    pub ground: PhotoGround,
 }
 
 /// Path at which the footprints of a whole city are kept for its parts, if they were found in photos; in the folder of the results.
@@ -267,7 +267,7 @@ impl<'a> CityPart<'a> {
     /// Files that the priors of some of its views are made from, each once, sorted.
     ///
     /// # Errors
-    /// [`PipelineError`] where a file name asks for what a view does not have.
+    /// [`PipelineError`] where a file name has a placeholder that a view does not fill.
     pub fn prior_files(&self, is_wanted: impl Fn(&ViewId) -> bool) -> Result<BTreeSet<PathBuf>, PipelineError> {
         let views = self.survey.views.iter().filter(|view| is_wanted(&view.id));
         let files: Result<Vec<_>, _> = views.map(|view| self.priors.source().file_of(view)).collect();
@@ -275,7 +275,7 @@ impl<'a> CityPart<'a> {
     }
 
     /// Finds the heights; those of its core are the part's. A part that no view sees, or without usable priors, is solved all
-    /// the same: its buildings are unknown. What the photos say of the terrain is told of the whole city, not here.
+    /// the same: its buildings are unknown. Ground in the photos is reported for the whole city, not here.
     ///
     /// # Errors
     /// [`PipelineError`] where the terrain cannot be read again after footprints were split.
@@ -285,8 +285,8 @@ impl<'a> CityPart<'a> {
         let (mut footprints, ground) = (self.footprints.clone(), &self.settings.footprints.ground);
         let heights = match &self.scene {
             Some(given) => {
-                let told = given.ground_in_photos(ground, &self.survey, &footprints, Some(*core));
-                correct_ground(ground, &mut footprints, told)?;
+                let photo_ground = given.ground_in_photos(ground, &self.survey, &footprints, Some(*core));
+                correct_ground(ground, &mut footprints, photo_ground)?;
                 let mut scene = SceneStage::in_frame(ground, &self.frame, &footprints)?;
                 // Computed priors depend on the terrain.
                 let priors = (scene.terrain != given.terrain)

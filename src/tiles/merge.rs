@@ -17,7 +17,7 @@ use super::stale::{StaleCheck, Trust, known};
 use super::status::TileState;
 use super::{Lock, TilesError};
 use crate::pipeline::{
-    GroundTold, OutputSettings, RunSettings, refused_records, reviews_of, unstated_reference, write_city_report,
+    OutputSettings, PhotoGround, RunSettings, refused_records, reviews_of, unstated_reference, write_city_report,
     write_project,
 };
 use crate::recipe::Recipe;
@@ -125,7 +125,7 @@ pub fn merge(layout: &Layout, options: &MergeOptions, wait: &dyn Fn(&str)) -> Re
     sweep_litter(layout.folder());
     let names = ["plan", "city"].into_iter().chain(manifest.tiles.iter().map(|tile| tile.id.as_str()));
     let hashes = known(layout, options.trust, names);
-    let check = StaleCheck { layout, manifest: &manifest, hashes: &hashes };
+    let check = StaleCheck::new(layout, &manifest, &hashes);
     if let Some(why) = check.plan() {
         return Err(TilesError::Stale { what: "the plan".to_owned(), why, hint: PLAN_AGAIN });
     }
@@ -248,7 +248,7 @@ impl JoinedCity<'_> {
         })
     }
 
-    /// The page, unless there are too many buildings for one, none, or it is not asked for; the photos under its map.
+    /// Writes the page, unless there are too many buildings or none, or no page is wanted; returns the photos under its map.
     fn write_page(
         &self,
         settings: &OutputSettings<'_>,
@@ -288,7 +288,7 @@ impl JoinedCity<'_> {
             let of_tile: Vec<Issue> = read_json(&path)?;
             issues.extend(of_tile.into_iter().filter(|issue| known.insert(json!(issue).to_string())));
         }
-        // Photos tell the ground of the city; without them tiles tell its level by depth, each its own, and one is enough.
+        // Photos show the ground of the city; without them each tile estimates its level by depth, and one issue is enough.
         let is_level = |issue: &Issue| ["terrain_too_high", "terrain_too_low"].contains(&&*issue.code);
         let ground = self.ground()?.issue();
         let mut n_kept = usize::from(ground.is_some());
@@ -307,16 +307,16 @@ impl JoinedCity<'_> {
     }
 
     /// Terrain by the photos of all tiles.
-    fn ground(&self) -> Result<GroundTold, TilesError> {
+    fn ground(&self) -> Result<PhotoGround, TilesError> {
         let of_tile = |done: &&Done| -> Result<_, TilesError> {
             let core = self.manifest.tile(&done.tile)?.core;
-            Ok((core, read_json::<GroundTold>(&self.layout.tile(&done.tile).join(GROUND))?))
+            Ok((core, read_json::<PhotoGround>(&self.layout.tile(&done.tile).join(GROUND))?))
         };
-        let parts: Vec<(MapBox, GroundTold)> = self.done.iter().map(of_tile).collect::<Result<_, _>>()?;
-        Ok(GroundTold::of_parts(parts))
+        let parts: Vec<(MapBox, PhotoGround)> = self.done.iter().map(of_tile).collect::<Result<_, _>>()?;
+        Ok(PhotoGround::of_parts(parts))
     }
 
-    /// The whole files that the plan was made from, of which each tile read its part, and the priors of all tiles.
+    /// The files that the plan was made from, and the priors of all tiles.
     fn lineage(&self, settings: &RunSettings<'_>) -> Result<Lineage, TilesError> {
         let mut inputs: BTreeSet<InputFile> = self.manifest.inputs.iter().cloned().collect();
         for path in self.files(LINEAGE) {

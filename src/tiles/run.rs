@@ -46,9 +46,9 @@ pub(super) const PART_OF_REVIEWS: &str = "reviews, the tile's part";
 pub(super) struct Cost {
     /// Time from start to end, seconds.
     pub seconds: f64,
-    /// Time of all threads, where the system tells.
+    /// Time of all threads, where the system reports it.
     pub processor_seconds: Option<f64>,
-    /// The most memory that it held, megabytes, where the system tells.
+    /// The most memory that it held, megabytes, where the system reports it.
     pub peak_mb: Option<u64>,
     /// Estimate of the plan.
     pub estimate_mb: u64,
@@ -86,8 +86,8 @@ pub(super) struct HaloHeight {
     pub distance_m: f64,
 }
 
-/// Runs a tile, unless it is done with the same input. One runner at a time: a second one waits (`wait` is told for
-/// whom) and finds it done.
+/// Runs a tile, unless it is done with the same input. One runner at a time: a second one waits (`wait` takes the
+/// name of the first) and finds it done.
 ///
 /// # Errors
 /// [`TilesError`]: a plan that does not fit, input that cannot be read or has changed since the plan, files that cannot be
@@ -105,7 +105,7 @@ pub fn run_tile(
     let _lock = Lock::take(&layout.lock(id), wait)?;
     sweep_litter(&layout.tile(id));
     let hashes = known(layout, trust, ["plan", id].into_iter());
-    let check = StaleCheck { layout, manifest: &manifest, hashes: &hashes };
+    let check = StaleCheck::new(layout, &manifest, &hashes);
     let views = check.views(tile)?;
     if manifest.made_by.program() != program() {
         let why = format!("made by sizeup {}, this is {}", manifest.made_by.program(), program());
@@ -281,7 +281,7 @@ fn write_lines<T: Serialize>(path: &Path, lines: impl Iterator<Item = T>) -> Res
     })
 }
 
-/// The most memory that this process has held, megabytes, where the system tells.
+/// The most memory that this process has held, megabytes, where the system reports it.
 fn peak_mb() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
@@ -289,7 +289,7 @@ fn peak_mb() -> Option<u64> {
     Some(kilobytes.div_ceil(1000))
 }
 
-/// Processor time of this process and its threads, seconds, where the system tells.
+/// Processor time of this process and its threads, seconds, where the system reports it.
 fn processor_seconds() -> Option<f64> {
     /// Ticks of a second in `/proc`, on every Linux in use.
     const TICKS: f64 = 100.0;

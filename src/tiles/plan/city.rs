@@ -33,7 +33,7 @@ const VIEW_MARGIN_SHARE: f64 = 0.45;
 /// Buildings that all tiles solve, their halos included, for each building that there is, at most, where nobody says how
 /// large tiles are to be and memory allows it.
 const MOST_SOLVED: f64 = 1.5;
-/// Side of the pieces that the ground of a city is looked at in, metres.
+/// Side of the pieces that the ground of a city is read in, metres.
 const PIECE_M: f64 = 1000.0;
 /// Rays flatter than this have nothing to meet, horizontal over vertical way.
 const MAX_SLOPE: f64 = 3.0;
@@ -71,7 +71,7 @@ impl<'a> PlannedCity<'a> {
         earlier: Option<CityFrame>,
     ) -> Result<Self, TilesError> {
         let renamed = footprints.renamed.clone();
-        // The ground of the whole city, looked at in pieces of moderate size.
+        // The ground of the whole city, read in pieces of moderate size.
         let pieces = grid::even(&places, grid::step_of(PIECE_M));
         let Some(all) = range(&grounds_of(&run.footprints, &pieces, &renamed)?) else {
             return Err(TilesError::Pipeline(PipelineError::Mismatch {
@@ -117,8 +117,8 @@ impl<'a> PlannedCity<'a> {
     fn views_of(&self, core: &Core, ground_m: [f64; 2]) -> Vec<usize> {
         let area = core.area().grown(self.settled.view_margin_m);
         let tallest_m = f64::from(self.frame.bounds.max_m);
-        // Stereo matches views of all kinds with each other, and roofs and ground are told by photos of all kinds; otherwise
-        // only oblique ones have a say.
+        // Stereo matches views of all kinds, and roofs and ground are measured in photos of all kinds; otherwise only oblique
+        // ones are used.
         let kind = self.survey.kind_for_heights();
         let takes_part = |view: &View| {
             view.kind() == kind

@@ -28,7 +28,7 @@ pub(super) struct CityFootprints {
 }
 
 impl CityFootprints {
-    /// Goes through the layer.
+    /// Reads the layer once.
     ///
     /// # Errors
     /// [`TilesError`] where it cannot be read, or none of its footprints can be used.

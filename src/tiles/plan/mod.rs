@@ -98,7 +98,7 @@ pub fn try_plan(
     let names = ["plan"].into_iter().chain(manifest.tiles.iter().map(|tile| tile.id.as_str()));
     let hashes = known(&city, settings.trust, names);
     // Views are those of the new plan, results those of the city.
-    let check = StaleCheck { layout: &layout, manifest: &manifest, hashes: &hashes };
+    let check = StaleCheck::new(&layout, &manifest, &hashes);
     let seconds = seconds_per_building(&city, &manifest);
     let of_tile = |tile: &Tile| -> Result<Option<TileChange>, TilesError> {
         let wanted = check.tile(tile)?;
@@ -231,7 +231,7 @@ fn shared_inputs(
     hashed.collect()
 }
 
-/// Inputs of a configuration's plan, file by file, without reading the poses: what an engine has to look at to know
+/// Inputs of a configuration's plan, file by file, without reading the poses: files that an engine checks to decide
 /// whether to plan again. Masks of photos are known to the plan alone.
 ///
 /// # Errors

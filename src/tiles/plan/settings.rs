@@ -1,4 +1,4 @@
-//! How a city is asked to be cut, and what of it cannot be.
+//! Settings of the cut of a city, and their limits.
 
 use std::path::PathBuf;
 
@@ -49,7 +49,7 @@ impl PlanSettings {
         })
     }
 
-    /// Most memory that a tile may need, megabytes; `None` where only its size is asked for.
+    /// Most memory that a tile may need, megabytes; `None` where only its size is set.
     pub(super) fn memory_limit_mb(&self) -> Option<u64> {
         let is_left_open = self.size_m.is_none() && self.n_buildings.is_none();
         self.memory_mb.or_else(|| is_left_open.then_some(DEFAULT_MEMORY_MB))
