@@ -12,7 +12,7 @@ pub struct ResultFolder<'a> {
 }
 
 impl<'a> ResultFolder<'a> {
-    /// Its path.
+    /// Path of the folder.
     #[must_use]
     pub fn path(&self) -> &'a Path {
         self.path

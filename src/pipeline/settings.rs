@@ -161,13 +161,13 @@ pub struct SceneSettings<'a> {
 /// Settings of the heights.
 #[derive(Debug, Clone)]
 pub struct HeightSettings<'a> {
-    /// The scene.
+    /// Settings of the scene that rays meet.
     pub scene: SceneSettings<'a>,
     /// Source of the footprints: some move with the heights.
     pub footprints: &'a FootprintSource,
     /// Folder of the photos.
     pub images: Option<&'a Path>,
-    /// Depth priors.
+    /// Source of the depth priors.
     pub prior: &'a PriorConfig,
     /// Solver and refinement by photos.
     pub method: MethodSettings,
