@@ -65,13 +65,8 @@ pub(super) fn run(args: &DtmArgs, global: &Global) -> Result<u8, Failure> {
     let config = RunConfig::load_without_prior(&config_file(args.config.as_deref())?, &args.assignments)
         .map_err(|e| Failure::new(2, &e))?;
     config.limits.set();
-    let settings = DtmConfig {
-        within_m: args.within,
-        spacing_m: args.spacing,
-        cell_m: args.cell,
-        margin_m: args.margin,
-        ..DtmConfig::default()
-    };
+    let settings =
+        DtmConfig { within_m: args.within, spacing_m: args.spacing, cell_m: args.cell, margin_m: args.margin };
     let (ui, run) = (Ui::new(global), RunSettings::of(&config));
     let (dtm, footprints) =
         pipeline::dtm_of_photos(&run.survey, &run.dtm, &settings, &|done, total| ui.advance_named(GROUND, done, total))

@@ -65,6 +65,7 @@ impl StageFiles<'_> {
             files.extend(layers.iter().flat_map(|path| source::files_of(path)).map(|path| ("footprints", path)));
             files
                 .extend(poses.terrain.dtm.iter().flat_map(|path| source::files_of(path)).map(|path| ("terrain", path)));
+            let makes_dtm = footprints.ground.squares.is_some();
             let finds = matches!(footprints.source, FootprintSource::Network(_));
             if finds {
                 let of_each = prior.file_of_each(&survey.views).unwrap_or_default();
@@ -72,7 +73,7 @@ impl StageFiles<'_> {
                 let files_of_depth = prior.shared_files().into_iter().chain(nadir.filter_map(|(_, path)| path));
                 files.extend(files_of_depth.map(|path| ("depth", path)));
             }
-            files.extend(photos(&|view| poses.makes_dtm || (finds && view.kind() == ViewKind::Nadir)));
+            files.extend(photos(&|view| makes_dtm || (finds && view.kind() == ViewKind::Nadir)));
         }
         if stage >= Stage::Heights {
             files.extend(prior.shared_files().into_iter().map(|path| ("prior", path)));

@@ -61,7 +61,6 @@ impl<'a> RunSettings<'a> {
             is_aligned,
             from_photos: depth.from_photos,
             terrain: &config.terrain,
-            makes_dtm: config.dtm.is_some(),
             folder,
             draws_pictures: config.output.pictures,
         };

@@ -43,8 +43,6 @@ pub struct SurveySettings<'a> {
     pub from_photos: bool,
     /// The terrain as configured.
     pub terrain: &'a TerrainConfig,
-    /// Whether the run makes a terrain model from the photos.
-    pub makes_dtm: bool,
     /// Folder of the results.
     pub folder: ResultFolder<'a>,
     /// Whether pictures are drawn.
