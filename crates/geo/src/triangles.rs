@@ -1,19 +1,16 @@
 //! Triangles of a plane polygon, by ear clipping.
 
-use earcut::Earcut;
-
 /// Returns the triangles of a polygon, as positions among the corners of all rings: the exterior first, then its holes, each open. They may
 /// turn either way. A polygon without area has none.
 #[must_use]
 pub fn triangulate<R: IntoIterator<Item = [f64; 2]>>(rings: impl IntoIterator<Item = R>) -> Vec<[usize; 3]> {
-    let (mut corners, mut starts) = (Vec::new(), Vec::new());
+    let (mut corners, mut starts): (Vec<[f64; 2]>, Vec<usize>) = (Vec::new(), Vec::new());
     for ring in rings {
         starts.push(corners.len());
         corners.extend(ring);
     }
     let holes = starts.get(1..).unwrap_or_default();
-    let mut triangles: Vec<usize> = Vec::new();
-    Earcut::new().earcut(corners, holes, &mut triangles);
+    let triangles = earcutr::earcut(corners.as_flattened(), holes, 2).unwrap_or_default();
     triangles.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect()
 }
 
