@@ -47,7 +47,7 @@ class Masks:
             raise ConfigError(f"masks of the kind {self.kind!r}: expected one of {', '.join(MASK_KINDS)}")
         table: Table = {"source": "masks", "path": absolute(self.path), "kind": self.kind}
         if self.cadastre is not None:
-            table["cadastre"] = {"layer": self.cadastre.table()}
+            table["cadastre"] = self.cadastre.table()
         return table
 
 
@@ -62,7 +62,7 @@ class FootprintNetwork:
     def table(self) -> Table:
         table: Table = {"source": "network", "model": absolute(self.model), "profile": self.profile}
         if self.cadastre is not None:
-            table["cadastre"] = {"layer": self.cadastre.table()}
+            table["cadastre"] = self.cadastre.table()
         return table
 
 
@@ -90,7 +90,7 @@ class Prior:
                 raise ConfigError("depth from a network: name its ONNX file, or a network that is in place")
             return {"source": "network", **self._network()}
         if self.source == "auto":
-            return {"source": "auto", "network": self._network()} if self.model else {"source": "auto"}
+            return {"source": "auto", **self._network()} if self.model else {"source": "auto"}
         raise ConfigError(f"depth from {self.source!r}: expected one of {', '.join(PRIOR_SOURCES)}")
 
     def _network(self) -> Table:

@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::run::report_summary;
 use super::{Failure, Global, Ui, print, print_json};
 use crate::config::RunConfig;
-use crate::pipeline::{RunOptions, Stage};
+use crate::pipeline::{self, RunOptions, Stage};
 use sizeup_truth::evaluate::read::{TruthOptions, read_results, read_truth};
 use sizeup_truth::evaluate::{HeightOptions, evaluate_heights};
 use sizeup_truth::simulate::{SimulateConfig, SimulateError, SimulationSummary, simulate};
@@ -30,7 +31,8 @@ pub(super) fn run(args: &DemoArgs, global: &Global) -> Result<u8, Failure> {
     config.limits.set();
     config.project.output = args.output.join("result");
     let options = RunOptions { from: Stage::Survey, until: Stage::Output, command: "sizeup demo".to_owned() };
-    super::run::run_config(&config, &options, global)?;
+    let summary = pipeline::run(&config, &options, &|event| ui.tell(event));
+    report_summary(&ui, summary)?;
 
     ui.say("3. Comparing with the truth");
     let results = read_results(&config.project.output.join("city.city.json"), &config.project.crs);

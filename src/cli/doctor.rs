@@ -16,10 +16,11 @@ use sizeup_geo::files::is_virtual;
 use sizeup_geo::geodata;
 use sizeup_geo::geodata::raster::RasterFile;
 use sizeup_geo::geodata::vector::VectorLayer;
+use sizeup_geo::terrain::TerrainConfig;
 use sizeup_photos::onnx::{EngineChoice, EngineConfig, runtime};
 use sizeup_photos::prior::PriorConfig;
 use sizeup_photos::prior::network::known::{self, KnownNetwork};
-use sizeup_survey::VerticalDatum;
+use sizeup_survey::{HeightConfig, VerticalDatum};
 
 /// Longitude, latitude and height above the ellipsoid (WGS 84).
 const ELLIPSOIDAL: &str = "EPSG:4979";
@@ -99,7 +100,7 @@ pub(super) fn run(args: &DoctorArgs, global: &Global) -> Result<u8, Failure> {
     let file = is_asked.then(|| config_file(args.config.as_deref())).transpose()?;
     let config = file.map(|path| RunConfig::load(&path, &args.assignments));
     let config = config.transpose().map_err(|e| Failure::new(2, &e))?;
-    let mut findings = of_machine(config.as_ref());
+    let mut findings = of_machine(config.as_ref().map(|config| &config.prior));
     findings.extend(config.iter().flat_map(of_config));
     if global.json {
         print_json(&findings)?;
@@ -112,7 +113,7 @@ pub(super) fn run(args: &DoctorArgs, global: &Global) -> Result<u8, Failure> {
 }
 
 /// The program, the machine, and the libraries it links.
-fn of_machine(config: Option<&RunConfig>) -> Vec<DoctorFinding> {
+fn of_machine(prior: Option<&PriorConfig>) -> Vec<DoctorFinding> {
     let memory = tiles::available_memory_mb().map_or("not known".to_owned(), |mb| format!("{mb} MB for a run"));
     let mut findings = vec![
         DoctorFinding::ok("sizeup", env!("CARGO_PKG_VERSION")),
@@ -135,7 +136,7 @@ fn of_machine(config: Option<&RunConfig>) -> Vec<DoctorFinding> {
         });
     }
     findings.push(DoctorFinding::ok("embedded network engine", "built in"));
-    let engine = match config.map(|config| &config.prior) {
+    let engine = match prior {
         Some(PriorConfig::Network(network)) => network.engine.clone(),
         _ => EngineConfig::default(),
     };
@@ -169,8 +170,9 @@ fn network_in_place(network: &KnownNetwork) -> DoctorFinding {
 
 /// Needs of a run.
 fn of_config(config: &RunConfig) -> Vec<DoctorFinding> {
-    let mut findings = vec![heights_grid(config)];
-    findings.extend(planes(config));
+    let mut findings = vec![heights_grid(&config.project.crs, &config.survey.height)];
+    let crs_of_poses = config.survey.crs.clone();
+    findings.extend(planes(&config.project.crs, crs_of_poses, &config.footprints, &config.terrain));
     findings.push(file("survey.path", &config.survey.path));
     findings.extend(config.survey.images.iter().map(|path| file("survey.images", path)));
     if let FootprintSource::Layer(layer) = &config.footprints {
@@ -256,22 +258,24 @@ fn proj() -> [DoctorFinding; 2] {
 
 /// How well positions of the poses, the footprints and the terrain reach the project's plane, and the grid that would bring
 /// them there better.
-fn planes(config: &RunConfig) -> Vec<DoctorFinding> {
-    let footprints = match &config.footprints {
+fn planes(
+    project: &Crs,
+    poses: Option<Crs>,
+    footprints: &FootprintSource,
+    terrain: &TerrainConfig,
+) -> Vec<DoctorFinding> {
+    let footprints = match footprints {
         FootprintSource::Layer(layer) => layer.crs.clone().or_else(|| {
             let source = VectorLayer::open(&layer.path, layer.layer.as_deref()).ok()?;
             source.crs().ok().flatten()
         }),
         _ => None,
     };
-    let terrain = config
-        .terrain
-        .crs
-        .clone()
-        .or_else(|| RasterFile::open(config.terrain.dtm.as_ref()?).ok()?.crs().ok().flatten());
-    let systems = [("survey.crs", config.survey.crs.clone()), ("footprints", footprints), ("terrain.dtm", terrain)];
+    let own = || RasterFile::open(terrain.dtm.as_ref()?).ok()?.crs().ok().flatten();
+    let terrain = terrain.crs.clone().or_else(own);
+    let systems = [("survey.crs", poses), ("footprints", footprints), ("terrain.dtm", terrain)];
     let known = systems.into_iter().filter_map(|(what, crs)| Some((what, crs?)));
-    known.filter_map(|(what, from)| plane(what, &from, &config.project.crs)).collect()
+    known.filter_map(|(what, from)| plane(what, &from, project)).collect()
 }
 
 /// The same of one of them; `None` where nothing has to be done.
@@ -310,9 +314,8 @@ fn how_to_get(grid: &GridFile) -> String {
 
 /// Whether PROJ can take the project's heights to the ellipsoid, which globes and satellite positions count from. A run
 /// in one height system does without; one whose poses have ellipsoidal heights does not.
-fn heights_grid(config: &RunConfig) -> DoctorFinding {
+fn heights_grid(crs: &Crs, height: &HeightConfig) -> DoctorFinding {
     const WHAT: &str = "PROJ's grid of the heights";
-    let (crs, height) = (&config.project.crs, &config.survey.height);
     if crs.vertical_name().is_none() {
         return DoctorFinding::ok(WHAT, format!("none needed: {crs} has no vertical part"));
     }

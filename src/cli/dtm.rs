@@ -9,7 +9,7 @@ use super::flags::config_file;
 use super::ui::GROUND;
 use super::{Failure, Global, Ui, print_json};
 use crate::config::RunConfig;
-use crate::pipeline;
+use crate::pipeline::{self, RunSettings};
 use sizeup_photos::dtm::{Dtm, DtmConfig, SquareOutcome};
 use sizeup_results::output::picture::{relief_map, write_png};
 
@@ -65,16 +65,11 @@ pub(super) fn run(args: &DtmArgs, global: &Global) -> Result<u8, Failure> {
     let config = RunConfig::load_without_prior(&config_file(args.config.as_deref())?, &args.assignments)
         .map_err(|e| Failure::new(2, &e))?;
     config.limits.set();
-    let settings = DtmConfig {
-        within_m: args.within,
-        spacing_m: args.spacing,
-        cell_m: args.cell,
-        margin_m: args.margin,
-        ..DtmConfig::default()
-    };
-    let ui = Ui::new(global);
+    let settings =
+        DtmConfig { within_m: args.within, spacing_m: args.spacing, cell_m: args.cell, margin_m: args.margin };
+    let (ui, run) = (Ui::new(global), RunSettings::of(&config));
     let (dtm, footprints) =
-        pipeline::dtm_of_photos(&config, &settings, &|done, total| ui.advance_named(GROUND, done, total))
+        pipeline::dtm_of_photos(&run.survey, &run.dtm, &settings, &|done, total| ui.advance_named(GROUND, done, total))
             .map_err(|e| Failure::new(e.exit_code(), &e))?;
     ui.finish();
     let crs = &config.project.crs;

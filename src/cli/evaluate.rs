@@ -9,8 +9,8 @@ use geo_types::MultiPolygon;
 
 use super::ui::{Ui, warn_of_unfinished};
 use super::{Failure, Global, print, print_json};
-use crate::config::RunConfig;
-use crate::pipeline;
+use crate::config::{RunConfig, SAVED_NAME};
+use crate::pipeline::RunSettings;
 use sizeup_footprints::{Annotated, FootprintError, PhotoInstances, coco_instances, is_coco};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::paths::file_name;
@@ -157,12 +157,12 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
 
 /// The photos of the run that a result is of, with their poses; none where it does not lie in the folder of a run.
 fn views_of(result: &Path, global: &Global) -> Vec<View> {
-    let config = result.with_file_name(RunConfig::SAVED_NAME);
+    let config = result.with_file_name(SAVED_NAME);
     if !config.is_file() {
         return Vec::new();
     }
     let config = RunConfig::load(&config, &[]).map_err(|e| e.to_string());
-    match config.and_then(|config| pipeline::survey_of(&config).map_err(|e| e.to_string())) {
+    match config.and_then(|config| RunSettings::of(&config).survey().map_err(|e| e.to_string())) {
         Ok(survey) => survey.views,
         Err(why) => {
             Ui::new(global).say(format!("warning: no building is pictured in its photos: {why}"));

@@ -8,7 +8,7 @@ use super::flags::config_file;
 use super::ui::warn_of_unfinished;
 use super::{Failure, Global, Ui};
 use crate::config::RunConfig;
-use crate::pipeline;
+use crate::pipeline::{self, RunSettings};
 
 /// Arguments of `sizeup look`.
 #[derive(Debug, Clone, Args)]
@@ -46,7 +46,8 @@ pub(super) fn run(args: &LookArgs, global: &Global) -> Result<u8, Failure> {
         config.project.output.clone_from(result);
     }
     warn_of_unfinished(&config.project.output, global);
-    pipeline::look(&config, &args.view, args.pass, &args.output).map_err(|e| Failure::new(e.exit_code(), &e))?;
+    pipeline::look(&RunSettings::of(&config), &args.view, args.pass, &args.output)
+        .map_err(|e| Failure::new(e.exit_code(), &e))?;
     Ui::new(global).say(format!("photo, rendered depth, prior and ordinal pairs in {}", args.output.display()));
     Ok(0)
 }

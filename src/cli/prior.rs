@@ -9,7 +9,7 @@ use super::flags::config_file;
 use super::ui::PRIORS;
 use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print, print_json};
 use crate::config::RunConfig;
-use crate::pipeline::{PriorsDone, Wanted, compute_priors};
+use crate::pipeline::{PriorsDone, RunSettings, Wanted, compute_priors};
 use sizeup_photos::onnx::{EngineChoice, EngineConfig, Port};
 use sizeup_photos::prior::network::{GraphInspection, inspect};
 
@@ -100,7 +100,7 @@ fn run_compute(args: &ComputeArgs, global: &Global) -> Result<u8, Failure> {
     // Processes that share the work begin at different views.
     let start = std::process::id() as usize;
     let progress = |done: usize, total: usize| ui.advance_named(PRIORS, done, total);
-    let done = compute_priors(&config, wanted, start, &|event| ui.tell(event), &progress)
+    let done = compute_priors(&RunSettings::of(&config), wanted, start, &|event| ui.tell(event), &progress)
         .map_err(|e| Failure::new(e.exit_code(), &e))?;
     ui.finish();
     tell_done(&ui, &done);

@@ -5,11 +5,13 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::flags::config_file;
-use super::tiles::{CutArgs, TilesetArgs, TrustArgs, absolute, failed, merge_city, plan_config};
+use super::tiles::{CutArgs, PLAN, TilesetArgs, TrustArgs, config_of, failed, merge_city, say_plan};
 use super::{Call, EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
-use crate::pipeline::{self, RunOptions, RunSummary, Stage};
-use crate::tiles::{self, Attempt, Layout, MergeOptions, Missing, PoolSettings, Tile, TileOutcome, TileState};
+use crate::pipeline::{self, PipelineError, RunOptions, RunSummary, Stage};
+use crate::tiles::{
+    self, Attempt, Layout, Manifest, MergeOptions, Missing, PoolSettings, Tile, TileOutcome, TileState,
+};
 use sizeup_results::output::Status;
 
 /// Where `--help` lists the options of tiled runs.
@@ -88,26 +90,50 @@ impl From<StageArg> for Stage {
 
 pub(super) fn run(args: &RunArgs, global: &Global) -> Result<u8, Failure> {
     let file = config_file(args.config.as_deref())?;
-    let config = config_of(args, &file)?;
-    config.limits.set();
     if args.tiled {
-        return run_tiled(config, &file, args, global);
+        return run_tiled(&file, args, global);
     }
+    let config = if file.as_os_str() == "-" {
+        RunConfig::from_text(&text_of_stdin()?, Path::new("standard input"), &args.assignments)
+    } else {
+        RunConfig::load(&file, &args.assignments)
+    };
+    let mut config = config.map_err(|e| Failure::new(2, &e))?;
+    if let Some(output) = &args.output {
+        config.project.output.clone_from(output);
+    }
+    config.limits.set();
     if args.tileset.tileset().is_some() {
         let hint = "3D Tiles of one piece are written by `sizeup export --to 3dtiles`, which takes them too";
         return Err(Failure::from_text(2, format!("--heights and --geoid-height go with --tiled\nhint: {hint}")));
     }
     let options = RunOptions { from: args.from.into(), until: args.until.into(), command: Call::this().line() };
-    let summary = run_config(&config, &options, global)?;
+    let ui = Ui::new(global);
+    let summary = pipeline::run(&config, &options, &|event| ui.tell(event));
+    let summary = report_summary(&ui, summary)?;
     if global.json {
         print_json(&summary)?;
     }
     Ok(if summary.has_failed_items() { EXIT_FAILED_ITEMS } else { 0 })
 }
 
-/// Plan, all tiles, merge; tiles that are done stay as they are.
-fn run_tiled(mut config: RunConfig, file: &Path, args: &RunArgs, global: &Global) -> Result<u8, Failure> {
-    config.project.output = absolute(&config.project.output)?;
+/// Plans tiles, runs those that are not done, and merges all.
+fn run_tiled(file: &Path, args: &RunArgs, global: &Global) -> Result<u8, Failure> {
+    if file.as_os_str() == "-" {
+        let hint = "save the configuration as a file: tiles are run again from it";
+        return Err(Failure::from_text(2, format!("--tiled takes no configuration from standard input\nhint: {hint}")));
+    }
+    let (config, path) = config_of(file, &args.assignments, args.output.as_ref())?;
+    let plan = args.cut.settings(path, args.tileset.tileset(), args.trust);
+    let ui = Ui::new(global);
+    let manifest = tiles::plan(&config, &plan, PLAN, &|event| ui.tell(event)).map_err(|e| failed(&e));
+    ui.finish();
+    run_tiles(&ui, &manifest?, args, global)
+}
+
+/// Runs the tiles of a plan that are not done, and merges all.
+fn run_tiles(ui: &Ui, manifest: &Manifest, args: &RunArgs, global: &Global) -> Result<u8, Failure> {
+    say_plan(ui, manifest);
     let n_cores = rayon::current_num_threads();
     let n_jobs = args.jobs.unwrap_or(n_cores.div_ceil(2)).max(1);
     let settings = PoolSettings {
@@ -118,9 +144,7 @@ fn run_tiled(mut config: RunConfig, file: &Path, args: &RunArgs, global: &Global
         n_retries: N_RETRIES,
         trust: args.trust.trust(),
     };
-    let plan = args.cut.settings(absolute(file)?, args.tileset.tileset(), args.trust);
-    let manifest = plan_config(&config, &plan, global)?;
-    let (ui, layout) = (Ui::new(global), Layout::new(&config.project.output));
+    let layout = Layout::new(&manifest.config.project.output);
     let city = tiles::status(&layout, args.trust.trust()).map_err(|e| failed(&e))?;
     let todo: Vec<Tile> =
         city.tiles.into_iter().filter(|one| one.state != TileState::Done).map(|one| one.tile).collect();
@@ -149,13 +173,11 @@ fn run_tiled(mut config: RunConfig, file: &Path, args: &RunArgs, global: &Global
     Ok(if merged.has_failed_items() { EXIT_FAILED_ITEMS } else { 0 })
 }
 
-/// Runs a configuration and says what came out.
-pub(super) fn run_config(config: &RunConfig, options: &RunOptions, global: &Global) -> Result<RunSummary, Failure> {
-    let ui = Ui::new(global);
-    let summary =
-        pipeline::run(config, options, &|event| ui.tell(event)).map_err(|e| Failure::new(e.exit_code(), &e))?;
+/// Reports the end of a run: its summary, or why it failed.
+pub(super) fn report_summary(ui: &Ui, summary: Result<RunSummary, PipelineError>) -> Result<RunSummary, Failure> {
+    let summary = summary.map_err(|e| Failure::new(e.exit_code(), &e))?;
     ui.finish();
-    tell_summary(&ui, &summary);
+    tell_summary(ui, &summary);
     Ok(summary)
 }
 
@@ -221,29 +243,8 @@ pub(super) fn tell_issues(ui: &Ui, summary: &RunSummary) {
     }
 }
 
-/// The configuration file with its overrides.
-fn config_of(args: &RunArgs, file: &Path) -> Result<RunConfig, Failure> {
-    let mut config = if file.as_os_str() == "-" {
-        RunConfig::from_text(&text_of_stdin(args)?, Path::new("standard input"), &args.assignments)
-    } else if args.tiled {
-        // Tiles may be run again from another folder than this one.
-        RunConfig::load(&absolute(file)?, &args.assignments)
-    } else {
-        RunConfig::load(file, &args.assignments)
-    }
-    .map_err(|e| Failure::new(2, &e))?;
-    if let Some(output) = &args.output {
-        config.project.output.clone_from(output);
-    }
-    Ok(config)
-}
-
-/// The text of a configuration that another program writes here.
-fn text_of_stdin(args: &RunArgs) -> Result<String, Failure> {
-    if args.tiled {
-        let hint = "save the configuration as a file: tiles are run again from it";
-        return Err(Failure::from_text(2, format!("--tiled takes no configuration from standard input\nhint: {hint}")));
-    }
+/// Reads the text of a configuration that another program writes to standard input.
+fn text_of_stdin() -> Result<String, Failure> {
     let cannot = |e| Failure::from_text(2, format!("cannot read the configuration from standard input: {e}"));
     std::io::read_to_string(std::io::stdin()).map_err(cannot)
 }

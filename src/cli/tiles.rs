@@ -7,10 +7,11 @@ use clap::{Args, Subcommand, ValueEnum};
 use super::flags::config_file;
 use super::{EXIT_FAILED_ITEMS, Failure, Global, Ui, print, print_json};
 use crate::config::RunConfig;
+use crate::pipeline::RunSettings;
 use crate::recipe;
 use crate::tiles::{
-    self, CityStatus, Layout, MergeOptions, Merged, Missing, PlanSettings, TileChange, TileRun, TileState, TileStatus,
-    TilesError, Tileset, Trust,
+    self, CityStatus, Layout, MergeOptions, Merged, Missing, PlanSettings, Planned, TileChange, TileRun, TileState,
+    TileStatus, TilesError, Tileset, Trust,
 };
 use sizeup_heights::optimise::CalibrationRays;
 use sizeup_results::output::tiles3d::Heights;
@@ -207,8 +208,12 @@ pub(super) fn failed(error: &TilesError) -> Failure {
     Failure::new(error.exit_code(), error)
 }
 
-fn config_of(path: &Path, assignments: &[String], output: Option<&PathBuf>) -> Result<(RunConfig, PathBuf), Failure> {
-    // Tiles may be run from another folder than this one.
+/// Loads the configuration of a city, its paths absolute: tiles may be run from another folder.
+pub(super) fn config_of(
+    path: &Path,
+    assignments: &[String],
+    output: Option<&PathBuf>,
+) -> Result<(RunConfig, PathBuf), Failure> {
     let path = absolute(path)?;
     let mut config = RunConfig::load(&path, assignments).map_err(|e| Failure::new(2, &e))?;
     config.limits.set();
@@ -219,10 +224,16 @@ fn config_of(path: &Path, assignments: &[String], output: Option<&PathBuf>) -> R
 fn plan(args: &PlanArgs, global: &Global) -> Result<u8, Failure> {
     let (config, path) = config_of(&config_file(args.config.as_deref())?, &args.assignments, args.output.as_ref())?;
     let settings = args.cut.settings(path, args.tileset.tileset(), args.trust);
+    let ui = Ui::new(global);
     if args.dry_run {
-        return dry_run(&config, &settings, global);
+        let planned = tiles::try_plan(&config, &settings, PLAN, &|event| ui.tell(event));
+        ui.finish();
+        return say_changes(&ui, &planned.map_err(|e| failed(&e))?, global);
     }
-    let manifest = plan_config(&config, &settings, global)?;
+    let manifest = tiles::plan(&config, &settings, PLAN, &|event| ui.tell(event));
+    ui.finish();
+    let manifest = manifest.map_err(|e| failed(&e))?;
+    say_plan(&ui, &manifest);
     if global.json {
         print_json(&manifest.tiles)?;
     }
@@ -246,14 +257,10 @@ impl CutArgs {
     }
 }
 
-/// Changes that a plan would make, and their cost.
-fn dry_run(config: &RunConfig, settings: &PlanSettings, global: &Global) -> Result<u8, Failure> {
-    let ui = Ui::new(global);
-    let planned = tiles::try_plan(config, settings, "sizeup tiles plan", &|event| ui.tell(event));
-    ui.finish();
-    let planned = planned.map_err(|e| failed(&e))?;
+/// Reports the changes that a plan would make, and their cost.
+fn say_changes(ui: &Ui, planned: &Planned, global: &Global) -> Result<u8, Failure> {
     if global.json {
-        print_json(&planned)?;
+        print_json(planned)?;
         return Ok(0);
     }
     for TileChange { tile, why, processor_seconds } in &planned.changes {
@@ -274,7 +281,8 @@ fn dry_run(config: &RunConfig, settings: &PlanSettings, global: &Global) -> Resu
 fn inputs(args: &InputsArgs, global: &Global) -> Result<u8, Failure> {
     let (config, path) = config_of(&args.config, &[], args.output.as_ref())?;
     let cut = CutArgs { size: None, buildings: None, halo: None, view_margin: None, memory: None };
-    let files = tiles::inputs(&config, &cut.settings(path, None, args.trust)).map_err(|e| failed(&e))?;
+    let files =
+        tiles::inputs(&RunSettings::of(&config), &cut.settings(path, None, args.trust)).map_err(|e| failed(&e))?;
     if global.json {
         print_json(&serde_json::json!({ "program": recipe::program(), "files": files }))?;
         return Ok(0);
@@ -288,16 +296,11 @@ fn first_line(text: &str) -> &str {
     text.lines().next().unwrap_or_default()
 }
 
-/// Makes the plan of a configuration, and says what it is.
-pub(super) fn plan_config(
-    config: &RunConfig,
-    settings: &PlanSettings,
-    global: &Global,
-) -> Result<tiles::Manifest, Failure> {
-    let ui = Ui::new(global);
-    let manifest = tiles::plan(config, settings, "sizeup tiles plan", &|event| ui.tell(event));
-    ui.finish();
-    let manifest = manifest.map_err(|e| failed(&e))?;
+/// Command of a plan, for its lineage.
+pub(super) const PLAN: &str = "sizeup tiles plan";
+
+/// Reports the tiles of a plan.
+pub(super) fn say_plan(ui: &Ui, manifest: &tiles::Manifest) {
     let most = |of: fn(&tiles::Tile) -> u64| manifest.tiles.iter().map(of).max().unwrap_or(0);
     ui.say(format!(
         "{} buildings, {} views in {} tiles, with a halo of {:.0} m",
@@ -318,17 +321,16 @@ pub(super) fn plan_config(
         "with their halos the tiles solve {n_solved} buildings, {:.1} times as many as there are",
         n_solved as f64 / manifest.n_buildings.max(1) as f64
     ));
-    if config.optimise.search.calibrate_on == CalibrationRays::All {
+    if manifest.config.optimise.search.calibrate_on == CalibrationRays::All {
         ui.say(
             "hint: priors are brought to metres by buildings and ground, which carries small differences from tile to tile; \
              with --set optimise.search.calibrate_on=ground heights do hardly depend on the tiling",
         );
     }
-    ui.say(format!("the plan is {}", Layout::new(&config.project.output).manifest().display()));
-    Ok(manifest)
+    ui.say(format!("the plan is {}", Layout::new(&manifest.config.project.output).manifest().display()));
 }
 
-pub(super) fn absolute(path: &Path) -> Result<PathBuf, Failure> {
+fn absolute(path: &Path) -> Result<PathBuf, Failure> {
     std::path::absolute(path).map_err(|e| Failure::from_text(2, format!("{}: {e}", path.display())))
 }
 

@@ -29,7 +29,7 @@ pub(super) fn of_file(error: &toml::de::Error, text: &str, keys: &str) -> (Optio
     };
     let missing = error.message().strip_prefix("missing field `").and_then(|rest| rest.split('`').next());
     if let Some((name, hint)) = TABLES.iter().find(|(name, _)| missing == Some(*name) && !table.contains_key(*name)) {
-        // The parser places it at the file's first line, whatever stands there.
+        // The parser places it at the file's first line.
         return (Some(format!("the table [{name}] is missing")), (*hint).to_owned());
     }
     let prior = table.get("prior").and_then(toml::Value::as_table);

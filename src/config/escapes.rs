@@ -3,7 +3,7 @@
 
 use toml::Value;
 
-/// Escapes of one letter, and what they stand for.
+/// Escapes of one letter, and their meaning.
 const ESCAPES: [(char, char); 6] =
     [('\u{8}', 'b'), ('\t', 't'), ('\n', 'n'), ('\u{c}', 'f'), ('\r', 'r'), ('\u{1b}', 'e')];
 /// Names of CRSs may be long texts of several lines.

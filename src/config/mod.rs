@@ -5,11 +5,13 @@
 
 mod advice;
 mod escapes;
+mod folder;
 mod sources;
 
 use std::path::{Path, PathBuf};
 
 pub(crate) use advice::nearest;
+pub use folder::ResultFolder;
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -50,7 +52,7 @@ pub enum ConfigError {
         path: PathBuf,
         /// The problem, with the line underlined.
         message: String,
-        /// Advice to the user: what to change or to look at.
+        /// Advice: what to change or to check.
         hint: String,
     },
     /// A `--set` that cannot be applied.
@@ -60,10 +62,13 @@ pub enum ConfigError {
         assignment: String,
         /// The problem with the assignment.
         message: String,
-        /// Advice to the user: what to change or to look at.
+        /// Advice: what to change or to check.
         hint: String,
     },
 }
+
+/// File beside every result that holds the whole configuration of its run.
+pub const SAVED_NAME: &str = "config.toml";
 
 /// The configuration of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -218,9 +223,6 @@ impl RunConfig {
         }
     }
 
-    /// File beside every result that holds the whole configuration of its run.
-    pub const SAVED_NAME: &str = "config.toml";
-
     /// Reads a file, applies `table.key=value` assignments, and makes paths relative to the file's folder.
     ///
     /// # Errors
@@ -284,20 +286,14 @@ impl RunConfig {
     pub fn saved(&self) -> Self {
         let mut saved = self.clone();
         saved.project.output = PathBuf::from(".");
-        saved.visit_inputs(&mut |path| *path = self.saved_path(path));
+        saved.visit_inputs(&mut |path| *path = self.result_folder().saved(path));
         saved
     }
 
-    /// How a path of the input is written into the results.
+    /// Folder of the results, which knows how paths of the input are written into it.
     #[must_use]
-    pub fn saved_path(&self, path: &Path) -> PathBuf {
-        self.own_paths.saved(path, &self.project.output)
-    }
-
-    /// The path of the input that was written so into the results.
-    #[must_use]
-    pub fn found_path(&self, saved: &Path) -> PathBuf {
-        self.own_paths.found(saved, &self.project.output)
+    pub fn result_folder(&self) -> ResultFolder<'_> {
+        ResultFolder { path: &self.project.output, own: &self.own_paths }
     }
 
     /// As TOML.
@@ -451,8 +447,8 @@ mod tests {
 
     #[test]
     fn what_is_saved_reads_back_the_same() {
-        let config = load(MINIMAL, &["optimise.search.start_height_m=3.5", "seed=9"]).unwrap();
-        assert_eq!((config.seed, config.optimise.search.start_height_m), (9, 3.5));
+        let config = load(MINIMAL, &["heights.max_m=35.5", "seed=9"]).unwrap();
+        assert_eq!((config.seed, config.heights.max_m), (9, Some(35.5)));
         assert_eq!(load(&config.to_toml(), &[]).unwrap(), config);
     }
 
@@ -597,14 +593,12 @@ mod tests {
     fn one_setting_of_the_view_selection_leaves_the_others_to_the_preset() {
         use sizeup_heights::views::{Choice, ViewsConfig};
         for preset in ["paper", "robust"] {
-            let of = |more: &[&str]| {
-                let preset = format!("optimise.preset={preset}");
-                load(MINIMAL, &[&[preset.as_str()], more].concat()).unwrap().optimise.views_in_force()
-            };
-            let changed = of(&["optimise.views.n_spread=7"]);
-            assert_eq!(changed, ViewsConfig { n_spread: 7, ..of(&[]) }, "{preset}");
+            let mut optimise = load(MINIMAL, &[&format!("optimise.preset={preset}")]).unwrap().optimise;
+            let own = optimise.views_in_force();
+            optimise.views.n_spread = Some(7);
+            assert_eq!(optimise.views_in_force(), ViewsConfig { n_spread: 7, ..own }, "{preset}");
         }
-        let paper = load(MINIMAL, &["optimise.preset=paper", "optimise.views.gate_percentile=0.0"]).unwrap();
+        let paper = load(MINIMAL, &["optimise.preset=paper"]).unwrap();
         assert_eq!(paper.optimise.views_in_force().choice, Choice::Cover);
     }
 }

@@ -1,4 +1,4 @@
-//! Poses and footprints that are far from each other: a wrong CRS more often than wrong files. Checked before any terrain is asked for,
+//! Poses and footprints that are far from each other: a wrong CRS more often than wrong files. Checked before terrain is read,
 //! which would be blamed for it.
 
 use geo::{BoundingRect as _, Centroid as _};
@@ -6,8 +6,8 @@ use geo_types::Polygon;
 use glam::DVec3;
 
 use super::PipelineError;
-use crate::config::RunConfig;
-use sizeup_footprints::{FootprintLayer, FootprintSource, open_layer};
+use super::settings::PlaceSettings;
+use sizeup_footprints::{FootprintLayer, open_layer};
 use sizeup_geo::crs::{Crs, Transform};
 use sizeup_geo::terrain::MapBox;
 use sizeup_survey::ground::MAX_OFF_NADIR_DEG;
@@ -32,7 +32,7 @@ struct Places {
 }
 
 impl Places {
-    fn of(config: &RunConfig, survey: &Survey, layer: &FootprintLayer) -> Option<Self> {
+    fn of(declared: &PlaceSettings<'_>, survey: &Survey, layer: &FootprintLayer) -> Option<Self> {
         let centres = || survey.views.iter().map(View::centre);
         let cameras = MapBox::around(centres().map(|centre| (centre.x, centre.y)))?;
         let polygons = || layer.footprints.iter().map(|footprint| &footprint.polygon);
@@ -40,7 +40,7 @@ impl Places {
         let footprints = MapBox::around(corners.map(|corner| (corner.x, corner.y)))?;
         let gap = |polygon: &Polygon<f64>| Some(cameras.distance_m(polygon.centroid()?.x_y()));
         let gap_m = polygons().filter_map(gap).reduce(f64::min)?;
-        let lowest_m = config.terrain.constant_m.map_or(-BELOW_ZERO_M, |level_m| level_m - BELOW_LEVEL_M);
+        let lowest_m = declared.level_m.map_or(-BELOW_ZERO_M, |level_m| level_m - BELOW_LEVEL_M);
         let highest_m = centres().map(|centre| centre.z).fold(lowest_m, f64::max);
         let sight_m = (highest_m - lowest_m) * MAX_OFF_NADIR_DEG.to_radians().tan();
         Some(Self { cameras, footprints, gap_m, sight_m })
@@ -51,10 +51,14 @@ impl Places {
 ///
 /// # Errors
 /// [`PipelineError::Unusable`].
-pub(super) fn check_apart(config: &RunConfig, survey: &Survey, layer: &FootprintLayer) -> Result<(), PipelineError> {
+pub(super) fn check_apart(
+    declared: &PlaceSettings<'_>,
+    survey: &Survey,
+    layer: &FootprintLayer,
+) -> Result<(), PipelineError> {
     check_lengths(layer)?;
-    let is_apart = Places::of(config, survey, layer).is_some_and(|places| places.gap_m > places.sight_m);
-    if is_apart { Err(no_overlap(config, survey, layer)) } else { Ok(()) }
+    let is_apart = Places::of(declared, survey, layer).is_some_and(|places| places.gap_m > places.sight_m);
+    if is_apart { Err(no_overlap(declared, survey, layer)) } else { Ok(()) }
 }
 
 /// A corner that is far away makes a footprint that no memory is enough for.
@@ -76,8 +80,8 @@ fn check_lengths(layer: &FootprintLayer) -> Result<(), PipelineError> {
 }
 
 /// No view sees any footprint: where both are, and what may be wrong.
-pub(super) fn no_overlap(config: &RunConfig, survey: &Survey, layer: &FootprintLayer) -> PipelineError {
-    let Some(places) = Places::of(config, survey, layer) else {
+pub(super) fn no_overlap(declared: &PlaceSettings<'_>, survey: &Survey, layer: &FootprintLayer) -> PipelineError {
+    let Some(places) = Places::of(declared, survey, layer) else {
         let message = "no view sees any footprint".to_owned();
         return PipelineError::Mismatch { message, hint: "are there poses and footprints?" };
     };
@@ -90,10 +94,10 @@ pub(super) fn no_overlap(config: &RunConfig, survey: &Survey, layer: &FootprintL
         gap_m / 1000.0,
         span(footprints),
         span(cameras),
-        config.project.crs
+        declared.crs
     );
     let check = "check the CRS and offset of the survey, the CRS of the footprints, and the angle convention";
-    let hint = match (*gap_m > FAR_M).then(|| fitting(config, survey, &places)) {
+    let hint = match (*gap_m > FAR_M).then(|| fitting(declared, survey, &places)) {
         None => check.to_owned(),
         Some(None) => format!("so far apart, a wrong CRS (its zone, too) is the likely cause: {check}"),
         Some(Some(fit)) => format!("a wrong CRS is the likely cause: {fit}; or {check}"),
@@ -102,23 +106,19 @@ pub(super) fn no_overlap(config: &RunConfig, survey: &Survey, layer: &FootprintL
 }
 
 /// The CRS in which the numbers of the poses, or else of the footprints, fit the others, as advice.
-fn fitting(config: &RunConfig, survey: &Survey, places: &Places) -> Option<String> {
-    let project = &config.project.crs;
-    let layer = match &config.footprints {
-        FootprintSource::Layer(layer) => Some(layer),
-        FootprintSource::Masks(_) | FootprintSource::Network(_) => None,
-    };
+fn fitting(declared: &PlaceSettings<'_>, survey: &Survey, places: &Places) -> Option<String> {
+    let PlaceSettings { crs: project, layer, .. } = *declared;
     let own = layer.and_then(|layer| open_layer(layer).ok()?.crs().ok()?).filter(Crs::is_projected);
     let numbers_in = |declared: &Crs, (x, y): (f64, f64)| Transform::new(project, declared).ok()?.point(x, y).ok();
     let n = survey.views.len().max(1) as f64;
     let camera = survey.views.iter().map(View::centre).sum::<DVec3>() / n;
-    let declared = config.survey.crs.as_ref().unwrap_or(project);
-    let candidates = own.into_iter().filter(|own| own != declared).chain(declared.other_zones());
+    let poses = declared.survey_crs.unwrap_or(project);
+    let candidates = own.into_iter().filter(|own| own != poses).chain(poses.other_zones());
     let is_there = |place| places.footprints.distance_m(place) < FAR_M;
-    let of_poses = numbers_in(declared, (camera.x, camera.y))
+    let of_poses = numbers_in(poses, (camera.x, camera.y))
         .and_then(|numbers| project.read_in(candidates, numbers, is_there))
         .map(|fits| {
-            let key = if config.survey.crs.is_some() { "survey.crs" } else { "project.crs" };
+            let key = if declared.survey_crs.is_some() { "survey.crs" } else { "project.crs" };
             format!("the numbers of the poses fit {fits} ({}), so try {key} = \"{fits}\"", fits.name())
         });
     let of_footprints = || {

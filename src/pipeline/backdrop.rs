@@ -77,7 +77,7 @@ pub(super) fn lay(
 /// Place of the picture on the map.
 struct BackdropSheet<'a> {
     terrain: &'a Terrain,
-    /// Where the terrain tells nothing, metres.
+    /// Ground level where the terrain has none, metres.
     mean_m: f64,
     west_m: f64,
     north_m: f64,
@@ -169,7 +169,7 @@ struct Photo<'a> {
 }
 
 impl<'a> Photo<'a> {
-    /// `None` for one that cannot be read: what is wrong with photos is told elsewhere.
+    /// `None` for one that cannot be read: the survey reports bad photos.
     fn read(view: &'a View, sheet: &BackdropSheet<'_>) -> Option<Self> {
         let stored = photo_of(view).ok()?;
         let above_m = view.centre().z - sheet.mean_m;

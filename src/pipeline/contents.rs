@@ -8,8 +8,9 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use super::{Stage, footprints, poses, reads_photo, stages};
-use crate::config::RunConfig;
+use super::settings::{FootprintSettings, HeightSettings, SurveySettings};
+use super::{Stage, footprints};
+use crate::config::ResultFolder;
 use crate::recipe::{ABSENT, Recipe};
 use sizeup_footprints::FootprintSource;
 use sizeup_geo::files::FileError;
@@ -18,25 +19,74 @@ use sizeup_geo::hashes::Hashes;
 use sizeup_photos::prior::PriorConfig;
 use sizeup_survey::{Survey, View, ViewKind};
 
-fn path_of_hashes(config: &RunConfig) -> PathBuf {
-    config.project.output.join("stages").join("hashes.json")
+/// Files that the stages are made from.
+#[derive(Debug, Clone)]
+pub(super) struct StageFiles<'a> {
+    pub folder: ResultFolder<'a>,
+    pub survey: SurveySettings<'a>,
+    pub footprints: FootprintSettings<'a>,
+    pub heights: HeightSettings<'a>,
 }
 
-/// Adds the files that a stage and those before it are made from to its recipe.
-pub(super) fn add(recipe: &mut Recipe, config: &RunConfig, stage: Stage, survey: &Survey) {
-    let files: Vec<(&str, PathBuf)> = files(config, stage, survey).into_iter().collect();
-    let (path, hashes) = (path_of_hashes(config), Hashes::new());
-    hashes.load(&path);
-    let sha256 = |path: &Path| hashes.of(path).map_or_else(|_| ABSENT.to_owned(), |content| content.sha256);
-    let hashed: Vec<String> = files.par_iter().map(|(_, path)| sha256(path)).collect();
-    for ((role, path), sha256) in files.iter().zip(hashed) {
-        recipe.add(format!("{role} {}", config.saved_path(path).display()), sha256);
+impl StageFiles<'_> {
+    /// Adds the files that a stage and those before it are made from to its recipe.
+    pub fn add(&self, recipe: &mut Recipe, stage: Stage, survey: &Survey) {
+        let files: Vec<(&str, PathBuf)> = self.files(stage, survey).into_iter().collect();
+        let (path, hashes) = (self.folder.stage_file("hashes.json"), Hashes::new());
+        hashes.load(&path);
+        let sha256 = |path: &Path| hashes.of(path).map_or_else(|_| ABSENT.to_owned(), |content| content.sha256);
+        let hashed: Vec<String> = files.par_iter().map(|(_, path)| sha256(path)).collect();
+        for ((role, path), sha256) in files.iter().zip(hashed) {
+            recipe.add(format!("{role} {}", self.folder.saved(path).display()), sha256);
+        }
+        if hashes.n_bytes_read() > 0
+            && let Err(error) = keep(&hashes, &path)
+        {
+            // Then they are read again the next time.
+            tracing::warn!("{error}");
+        }
     }
-    if hashes.n_bytes_read() > 0
-        && let Err(error) = keep(&hashes, &path)
-    {
-        // Then they are read again the next time.
-        tracing::warn!("{error}");
+
+    fn files(&self, stage: Stage, survey: &Survey) -> BTreeSet<(&'static str, PathBuf)> {
+        let Self { survey: poses, footprints, heights, .. } = self;
+        let prior = heights.prior;
+        let mut files = BTreeSet::new();
+        let of_poses = files_of(&poses.config.path);
+        files.extend(of_poses.into_iter().filter(|path| path.is_file()).map(|path| ("survey", path)));
+        let photos = |is_read: &dyn Fn(&View) -> bool| -> Vec<(&'static str, PathBuf)> {
+            let read = survey.views.iter().filter(|view| is_read(view));
+            read.filter_map(|view| Some(("photo", view.image.clone()?))).collect()
+        };
+        if poses.is_aligned || poses.from_photos {
+            files.extend(photos(&|_| true));
+        }
+        if stage >= Stage::Footprints {
+            let layers = footprints::files(footprints.source, survey);
+            files.extend(layers.iter().flat_map(|path| source::files_of(path)).map(|path| ("footprints", path)));
+            files
+                .extend(poses.terrain.dtm.iter().flat_map(|path| source::files_of(path)).map(|path| ("terrain", path)));
+            let makes_dtm = footprints.ground.squares.is_some();
+            let finds = matches!(footprints.source, FootprintSource::Network(_));
+            if finds {
+                let of_each = prior.file_of_each(&survey.views).unwrap_or_default();
+                let nadir = survey.views.iter().zip(of_each).filter(|(view, _)| view.kind() == ViewKind::Nadir);
+                let files_of_depth = prior.shared_files().into_iter().chain(nadir.filter_map(|(_, path)| path));
+                files.extend(files_of_depth.map(|path| ("depth", path)));
+            }
+            files.extend(photos(&|view| makes_dtm || (finds && view.kind() == ViewKind::Nadir)));
+        }
+        if stage >= Stage::Heights {
+            files.extend(prior.shared_files().into_iter().map(|path| ("prior", path)));
+            // Settings that cannot work are refused where priors are read.
+            let priors = prior.file_of_each(&survey.views).unwrap_or_default();
+            let from_all = matches!(*prior.chosen(), PriorConfig::Stereo(_));
+            let of_views = survey.views.iter().zip(priors);
+            let kind = survey.kind_for_heights();
+            let used = of_views.filter(|(view, _)| from_all || view.kind() == kind);
+            files.extend(used.filter_map(|(_, path)| Some(("prior", path?))));
+            files.extend(photos(&|view| heights.reads_photo(view)));
+        }
+        files
     }
 }
 
@@ -45,41 +95,11 @@ fn keep(hashes: &Hashes, path: &Path) -> Result<(), FileError> {
     hashes.save(path, all.iter().map(PathBuf::as_path))
 }
 
-fn files(config: &RunConfig, stage: Stage, survey: &Survey) -> BTreeSet<(&'static str, PathBuf)> {
-    let mut files = BTreeSet::new();
-    let poses = stages::files_of(&config.survey.path);
-    files.extend(poses.into_iter().filter(|path| path.is_file()).map(|path| ("survey", path)));
-    let photos = |is_read: &dyn Fn(&View) -> bool| -> Vec<(&'static str, PathBuf)> {
-        let read = survey.views.iter().filter(|view| is_read(view));
-        read.filter_map(|view| Some(("photo", view.image.clone()?))).collect()
-    };
-    if poses::asks(config) || config.prior.matches_photos() {
-        files.extend(photos(&|_| true));
+/// The file itself, or the files of a folder.
+#[must_use]
+pub fn files_of(path: &Path) -> Vec<PathBuf> {
+    match std::fs::read_dir(path) {
+        Ok(entries) => entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|p| p.is_file()).collect(),
+        Err(_) => vec![path.to_owned()],
     }
-    if stage >= Stage::Footprints {
-        let layers = footprints::files(config, survey);
-        files.extend(layers.iter().flat_map(|path| source::files_of(path)).map(|path| ("footprints", path)));
-        files.extend(config.terrain.dtm.iter().flat_map(|path| source::files_of(path)).map(|path| ("terrain", path)));
-        let finds = matches!(config.footprints, FootprintSource::Network(_));
-        if let FootprintSource::Network(network) = &config.footprints {
-            let depth = network.depth.clone().map_or_else(|| config.prior.clone(), PriorConfig::Files);
-            let of_each = depth.file_of_each(&survey.views).unwrap_or_default();
-            let nadir = survey.views.iter().zip(of_each).filter(|(view, _)| view.kind() == ViewKind::Nadir);
-            let files_of_depth = depth.shared_files().into_iter().chain(nadir.filter_map(|(_, path)| path));
-            files.extend(files_of_depth.map(|path| ("depth", path)));
-        }
-        files.extend(photos(&|view| config.dtm.is_some() || (finds && view.kind() == ViewKind::Nadir)));
-    }
-    if stage >= Stage::Heights {
-        files.extend(config.prior.shared_files().into_iter().map(|path| ("prior", path)));
-        // Settings that cannot work are refused where priors are read.
-        let priors = config.prior.file_of_each(&survey.views).unwrap_or_default();
-        let from_all = matches!(*config.prior.chosen(), PriorConfig::Stereo(_));
-        let of_views = survey.views.iter().zip(priors);
-        let kind = survey.kind_for_heights();
-        let used = of_views.filter(|(view, _)| from_all || view.kind() == kind);
-        files.extend(used.filter_map(|(_, path)| Some(("prior", path?))));
-        files.extend(photos(&|view| reads_photo(config, view)));
-    }
-    files
 }

@@ -1,4 +1,4 @@
-//! What stops a run, and the exit code it stands for.
+//! Errors that stop a run, and their exit codes.
 
 use std::path::PathBuf;
 
@@ -35,7 +35,7 @@ pub enum PipelineError {
     Unsound {
         /// Doubts, and other readings that look better; a line each.
         findings: String,
-        /// Advice to the user: what to change or to look at.
+        /// Advice: what to change or to check.
         cure: &'static str,
         /// File of the survey's report.
         report: PathBuf,
@@ -65,7 +65,7 @@ pub enum PipelineError {
         table: &'static str,
         /// Settings that do not go together, in words.
         message: String,
-        /// Advice to the user: what to change or to look at.
+        /// Advice: what to change or to check.
         hint: &'static str,
     },
     /// Survey and footprints do not fit together.
@@ -73,7 +73,7 @@ pub enum PipelineError {
     Mismatch {
         /// The expected and the found, in words.
         message: String,
-        /// Advice to the user: what to change or to look at.
+        /// Advice: what to change or to check.
         hint: &'static str,
     },
     /// Input that cannot be used as it is, with advice that depends on it.
@@ -81,13 +81,13 @@ pub enum PipelineError {
     Unusable {
         /// The expected and the found, in words.
         message: String,
-        /// Advice to the user: what to change or to look at.
+        /// Advice: what to change or to check.
         hint: String,
     },
     /// No prior could be loaded.
     #[error("none of the {n} depth priors asked for could be used; the first, of {view}: {reason}")]
     NoPriors {
-        /// Number of priors asked for.
+        /// Number of priors wanted.
         n: usize,
         /// Name of the first view without one.
         view: String,

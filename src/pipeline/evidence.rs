@@ -7,10 +7,9 @@ use image::RgbImage;
 use rayon::prelude::*;
 
 use super::HeightStage;
-use super::heights::{for_priors, view_inputs};
 use super::kept::PriorStore;
-use super::stages::SceneStage;
-use crate::config::RunConfig;
+use super::scene::SceneStage;
+use super::settings::HeightSettings;
 use sizeup_heights::optimise::{InspectedView, Inspection, Problem, Rays, SolvedHeight, inspect};
 use sizeup_heights::raster::Raster;
 use sizeup_heights::render::PlacedCamera;
@@ -41,7 +40,7 @@ const NEIGHBOURHOOD_M: f32 = 150.0;
 
 /// Gathers what there is to see of the buildings that deserve it most.
 pub(super) fn gather(
-    config: &RunConfig,
+    settings: &HeightSettings<'_>,
     survey: &Survey,
     stage: &SceneStage,
     heights: &HeightStage,
@@ -50,17 +49,17 @@ pub(super) fn gather(
     let wanted = choose(&heights.solution.heights, |view| priors.is_at_hand(view));
     let problem = Problem {
         scene: &stage.scene,
-        views: &view_inputs(config, survey, &stage.scene),
+        views: &settings.view_inputs(survey, &stage.scene),
         expect_priors: &|_| Vec::new(),
         without_prior: &|_| None,
         load_prior: &|view| priors.load(view).map_err(|e| e.to_string()),
-        seed: config.seed,
-        rays: &Rays::new(survey.views.len(), config.optimise.stride_px),
+        seed: settings.seed,
+        rays: &Rays::new(survey.views.len(), settings.method.optimise.stride_px),
         green: &|view| priors.green(view),
         former: None,
         progress: &|_, _, _| {},
     };
-    let inspections = inspect(&problem, &for_priors(&config.prior, &config.optimise), &heights.solution, &wanted);
+    let inspections = inspect(&problem, &settings.optimise(), &heights.solution, &wanted);
     let by_view = crops_by_view(&inspections, &problem, EVIDENCE_VIEWS);
     let solved = &heights.solution.heights;
     let heights_m: Vec<f32> =

@@ -6,61 +6,60 @@ use std::path::PathBuf;
 use glam::DVec2;
 
 use super::apart::check_apart;
-use super::dtm::terrain_in_force;
-use super::stages::{extent, load_terrain};
-use super::{FootprintStage, GroundTold, HeightStage, PipelineError, pictures};
-use crate::config::RunConfig;
-use sizeup_footprints::{ContourSource, Detection, FootprintSource, MaskFiles, Segmenter};
+use super::ground::{correct_ground, load_terrain, on_ground};
+use super::settings::{FootprintSettings, GroundSettings};
+use super::{FootprintStage, HeightStage, PipelineError, pictures};
+use sizeup_footprints::{ContourSource, FootprintSource, MaskFiles, Segmenter};
 use sizeup_geo::issue::{Severity, Subject};
-use sizeup_geo::terrain::{self, GroundLevel, LoadedTerrain, MapBox, Terrain, ground_under};
+use sizeup_geo::terrain::{self, LoadedTerrain, MapBox, Terrain};
 use sizeup_photos::onnx::is_profile_file;
 use sizeup_photos::prior::{PriorError, PriorSource};
 use sizeup_survey::{Survey, View, ViewKind};
 
-/// The corrected terrain slopes under a footprint from so many standard deviations of its level on: within two it may be scatter. Of the
-/// ten buildings of a real flight over level ground, the lowest level under each lay 0.2 to 0.3 m below the level in the middle.
-const SLOPE_SIGMAS: f64 = 2.0;
 /// Movement below which roofs count as settled, metres.
 const SETTLED_M: f64 = 0.02;
 
 /// Reads or finds the footprints.
-pub(super) fn read(config: &RunConfig, survey: &Survey) -> Result<(FootprintStage, Terrain), PipelineError> {
-    let mut terrain = None;
-    let source: Box<dyn ContourSource> = match &config.footprints {
+pub(super) fn read(
+    settings: &FootprintSettings<'_>,
+    survey: &Survey,
+) -> Result<(FootprintStage, Terrain), PipelineError> {
+    let (mut terrain, crs) = (None, settings.ground.crs);
+    let source: Box<dyn ContourSource> = match settings.source {
         FootprintSource::Layer(layer) => {
-            let layer = sizeup_footprints::read(layer, &config.project.crs)?;
+            let layer = sizeup_footprints::read(layer, crs)?;
             require_footprints(&layer)?;
-            check_apart(config, survey, &layer)?;
-            let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
-            require_bare_ground(config, &layer, &terrain.terrain)?;
-            return Ok((on_ground(config, layer, &terrain), terrain.terrain));
+            check_apart(&settings.places, survey, &layer)?;
+            let terrain = load_terrain(&settings.ground, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
+            require_bare_ground(&settings.ground, &layer, &terrain.terrain)?;
+            return Ok((on_ground(&settings.ground, layer, &terrain), terrain.terrain));
         }
         FootprintSource::Masks(masks) => Box::new(MaskFiles::new(masks.clone())?),
         FootprintSource::Network(network) => {
-            let below = terrain.insert(terrain_of_views(config, survey)?);
-            Box::new(Segmenter::with_depth(network.clone(), Some(&|| depth(config, survey, &below.terrain)))?)
+            let below = terrain.insert(terrain_of_views(&settings.ground, survey)?);
+            Box::new(Segmenter::with_depth(network.clone(), Some(&|| depth(settings, survey, &below.terrain)))?)
         }
     };
-    let Some(settings) = config.footprints.detection() else {
+    let Some(detection) = settings.source.detection() else {
         unreachable!("masks and networks have detection settings");
     };
-    let terrain = terrain.map_or_else(|| terrain_of_views(config, survey), Ok)?;
+    let terrain = terrain.map_or_else(|| terrain_of_views(&settings.ground, survey), Ok)?;
     let ground = &terrain.terrain;
-    let mut found = sizeup_footprints::detect(source.as_ref(), &survey.views, ground, settings, &config.project.crs)?;
-    write(config, &found, survey)?;
-    if config.output.pictures {
-        pictures::footprints(&config.project.output, &found, survey, ground)?;
+    let mut found = sizeup_footprints::detect(source.as_ref(), &survey.views, ground, detection, crs)?;
+    sizeup_footprints::write(&settings.folder.join("footprints.gpkg"), &found, &survey.views, crs)?;
+    if settings.draws_pictures {
+        pictures::footprints(settings.folder.path(), &found, survey, ground)?;
     }
-    let mut stage = on_ground(config, std::mem::take(&mut found.layer), &terrain);
+    let mut stage = on_ground(&settings.ground, std::mem::take(&mut found.layer), &terrain);
     stage.tracks = found.tracks;
-    found.summary.footprints_from = config.footprints.in_words();
+    found.summary.footprints_from = settings.source.in_words();
     stage.detection = Some(found.summary);
     Ok((stage, terrain.terrain))
 }
 
 /// The run's depth priors, for a network that takes depth.
 fn depth(
-    config: &RunConfig,
+    settings: &FootprintSettings<'_>,
     survey: &Survey,
     terrain: &Terrain,
 ) -> Result<Box<dyn PriorSource + Send + Sync>, PriorError> {
@@ -69,8 +68,8 @@ fn depth(
         terrain.height_at(centre.x, centre.y).map(|ground| centre.z - ground)
     };
     let lowest_m = survey.views.iter().filter_map(above).fold(f64::INFINITY, f64::min);
-    let highest_m = config.heights.bounds(if lowest_m.is_finite() { lowest_m } else { 0.0 }).max_m;
-    Ok(Box::new(config.prior.open(&survey.views, terrain, highest_m)?))
+    let highest_m = settings.heights.bounds(if lowest_m.is_finite() { lowest_m } else { 0.0 }).max_m;
+    Ok(Box::new(settings.prior.open(&survey.views, terrain, highest_m)?))
 }
 
 /// Says why, where none of a layer's features can be used: nothing else will.
@@ -102,14 +101,13 @@ fn require_footprints(layer: &sizeup_footprints::FootprintLayer) -> Result<(), P
 
 /// Refuses a surface model given as terrain: ground would be taken from its roofs.
 fn require_bare_ground(
-    config: &RunConfig,
+    settings: &GroundSettings<'_>,
     layer: &sizeup_footprints::FootprintLayer,
     terrain: &Terrain,
 ) -> Result<(), PipelineError> {
     let polygons: Vec<_> = layer.footprints.iter().map(|f| &f.polygon).collect();
     let Some(found) = terrain::surface_model(terrain, &polygons) else { return Ok(()) };
-    let terrain = terrain_in_force(config);
-    let path = terrain.dtm.as_deref().unwrap_or_else(|| std::path::Path::new("terrain"));
+    let path = settings.terrain.dtm.as_deref().unwrap_or_else(|| std::path::Path::new("terrain"));
     let message = format!(
         "[terrain] {} is a surface model, with roofs on it: inside {} of {} footprints it stands 2 m or more ({:.1} m in the median) above \
          the ground around them; expected bare ground (DTM)",
@@ -122,60 +120,17 @@ fn require_bare_ground(
     Err(PipelineError::Mismatch { message, hint })
 }
 
-fn write(config: &RunConfig, found: &Detection, survey: &Survey) -> Result<(), PipelineError> {
-    let path = config.project.output.join("footprints.gpkg");
-    Ok(sizeup_footprints::write(&path, found, &survey.views, &config.project.crs)?)
-}
-
-pub(super) fn on_ground(
-    config: &RunConfig,
-    layer: sizeup_footprints::FootprintLayer,
-    LoadedTerrain { terrain, issues: of_terrain }: &LoadedTerrain,
-) -> FootprintStage {
-    let (ground, issues): (Vec<_>, Vec<_>) =
-        layer.footprints.iter().map(|f| ground_under(terrain, &f.id, &f.polygon, config.ground)).unzip();
-    let issues = of_terrain.iter().cloned().chain(issues.into_iter().flatten()).collect();
-    FootprintStage::of_layer(layer, ground, issues)
-}
-
-/// Puts the buildings onto the terrain as the photos correct it. Where they leave it as it is, nothing changes.
-pub(super) fn correct_ground(
-    config: &RunConfig,
-    footprints: &mut FootprintStage,
-    told: GroundTold,
-) -> Result<(), PipelineError> {
-    footprints.told = told;
-    let polygons = || footprints.layer.footprints.iter().map(|f| &f.polygon);
-    let (false, Some(area)) = (footprints.told.off_m.is_empty(), extent(polygons())) else { return Ok(()) };
-    let terrain = load_terrain(config, polygons(), 0.0)?.terrain;
-    let Some(corrected) = footprints.told.corrected(config, &terrain, area) else { return Ok(()) };
-    let measured = footprints.told.measured(config, footprints);
-    let of_each = footprints.layer.footprints.iter().zip(&mut footprints.ground).zip(measured);
-    for ((footprint, ground), middle) in of_each.filter(|((_, ground), _)| ground.is_some()) {
-        // What is to be said of gaps was said when the footprint was put onto the terrain.
-        let on = |terrain| ground_under(terrain, &footprint.id, &footprint.polygon, config.ground).0;
-        let raised = on(&terrain).zip(middle).map(|(given, middle)| (given.raised(middle.off_m), middle.sigma_m));
-        let sloped = on(&corrected).or(*ground);
-        // The lowest place of a surface that only scatters lies below the ground.
-        let is_slope = |(raised, sigma_m): &(GroundLevel, f64)| {
-            sloped.is_some_and(|sloped| (sloped.reference_m - raised.reference_m).abs() > SLOPE_SIGMAS * sigma_m)
-        };
-        *ground = raised.filter(|raised| !is_slope(raised)).map_or(sloped, |(raised, _)| Some(raised));
-    }
-    Ok(())
-}
-
 /// The terrain that the nadir views see.
-fn terrain_of_views(config: &RunConfig, survey: &Survey) -> Result<LoadedTerrain, PipelineError> {
+fn terrain_of_views(settings: &GroundSettings<'_>, survey: &Survey) -> Result<LoadedTerrain, PipelineError> {
     let nadir = || survey.views.iter().filter(|v| v.kind() == ViewKind::Nadir);
     let centres = nadir().map(|v| v.camera_from_map.centre()).map(|c| (c.x, c.y));
     let Some(below) = MapBox::around(centres) else { return Ok(Terrain::Constant(0.0).into()) };
-    let first = terrain::load_with_issues(&terrain_in_force(config), &config.project.crs, below)?;
+    let first = terrain::load_with_issues(&settings.terrain, settings.crs, below)?;
     let (Terrain::Grid(_), Some((low, _))) = (&first.terrain, first.terrain.range()) else { return Ok(first) };
     // Where the images' corners meet the lowest ground under the cameras.
     let corners = nadir().flat_map(|view| corners_on(view, low));
     let Some(seen) = MapBox::around(corners) else { return Ok(first) };
-    Ok(terrain::load_with_issues(&terrain_in_force(config), &config.project.crs, seen)?)
+    Ok(terrain::load_with_issues(&settings.terrain, settings.crs, seen)?)
 }
 
 fn corners_on(view: &View, level_m: f64) -> Vec<(f64, f64)> {
@@ -191,49 +146,49 @@ fn corners_on(view: &View, level_m: f64) -> Vec<(f64, f64)> {
 }
 
 /// Whether roof contours wait for heights, and how often they may be moved.
-pub(super) fn roof_rounds(config: &RunConfig, footprints: &FootprintStage) -> usize {
-    footprints.tracks.as_ref().map_or(0, |_| config.footprints.roof_rounds())
+pub(super) fn roof_rounds(source: &FootprintSource, footprints: &FootprintStage) -> usize {
+    footprints.tracks.as_ref().map_or(0, |_| source.roof_rounds())
 }
 
 /// Moves roof contours to the heights found; whether any of them moved.
 pub(super) fn move_roofs(
-    config: &RunConfig,
+    source: &FootprintSource,
+    ground: &GroundSettings<'_>,
     survey: &Survey,
     footprints: &mut FootprintStage,
     heights: &HeightStage,
 ) -> Result<bool, PipelineError> {
-    let (Some(settings), Some(tracks)) = (config.footprints.detection(), &footprints.tracks) else { return Ok(false) };
+    let (Some(settings), Some(tracks)) = (source.detection(), &footprints.tracks) else { return Ok(false) };
     let mut roof_z_m = vec![None; footprints.layer.footprints.len()];
     for (&at, solved) in heights.solved.iter().zip(&heights.solution.heights) {
-        let ground = footprints.ground[at];
-        roof_z_m[at] = ground.zip(solved.height_m).map(|(g, h)| g.reference_m + h);
+        roof_z_m[at] = footprints.ground[at].zip(solved.height_m).map(|(g, h)| g.reference_m + h);
     }
     let moved = sizeup_footprints::move_roofs(&mut footprints.layer, tracks, &roof_z_m, &survey.views, settings);
-    let terrain = load_terrain(config, footprints.layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
+    let terrain = load_terrain(ground, footprints.layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
     let layer = std::mem::take(&mut footprints.layer);
-    let fresh = on_ground(config, layer, &terrain);
+    let fresh = on_ground(ground, layer, &terrain);
     (footprints.layer, footprints.ground, footprints.issues) = (fresh.layer, fresh.ground, fresh.issues);
-    let told = std::mem::take(&mut footprints.told);
-    correct_ground(config, footprints, told)?;
+    let photo_ground = std::mem::take(&mut footprints.photo_ground);
+    correct_ground(ground, footprints, photo_ground)?;
     Ok(moved.iter().any(|m| *m > SETTLED_M))
 }
 
 /// The files that footprints come from, for the lineage.
 #[must_use]
-pub fn files(config: &RunConfig, survey: &Survey) -> Vec<PathBuf> {
-    let mut files: Vec<PathBuf> = config.footprints.file().into_iter().collect();
-    if let FootprintSource::Network(network) = &config.footprints {
+pub fn files(source: &FootprintSource, survey: &Survey) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = source.file().into_iter().collect();
+    if let FootprintSource::Network(network) = source {
         files.extend(network.backbones.values().cloned());
         files.extend(network.profile.iter().filter(|profile| is_profile_file(profile)).map(PathBuf::from));
     }
-    if let FootprintSource::Masks(masks) = &config.footprints
+    if let FootprintSource::Masks(masks) = source
         && let Ok(masks) = MaskFiles::new(masks.clone())
     {
         let nadir = survey.views.iter().filter(|v| v.kind() == ViewKind::Nadir);
         files.extend(nadir.filter_map(|view| masks.file_of(view)));
     }
-    if let Some(cadastre) = config.footprints.detection().and_then(|d| d.cadastre) {
-        files.push(cadastre.layer.path.clone());
+    if let Some(cadastre) = source.detection().and_then(|d| d.cadastre) {
+        files.push(cadastre.path.clone());
     }
     files
 }

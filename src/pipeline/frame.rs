@@ -1,11 +1,10 @@
 //! What the parts of a city share, so that a building comes out the same in all of them.
 
-use super::{PipelineError, ground_told, input};
-use crate::config::RunConfig;
+use super::{PipelineError, input, photo_ground};
 use sizeup_geo::terrain::MapBox;
 use sizeup_heights::estimate::LocalFrame;
 use sizeup_heights::frames::LocalOrigin;
-use sizeup_heights::scene::HeightBounds;
+use sizeup_heights::scene::{HeightBounds, HeightsConfig};
 use sizeup_survey::Survey;
 
 /// The local frame and the heights that are looked for.
@@ -15,7 +14,7 @@ pub struct Frame {
     pub origin: LocalOrigin,
     /// The range of heights of every building.
     pub bounds: HeightBounds,
-    /// From one place where the ground is looked at in the photos to the next, metres.
+    /// Distance between the places where the photos are searched for ground, metres.
     pub ground_spacing_m: f64,
 }
 
@@ -25,14 +24,14 @@ impl Frame {
     /// # Errors
     /// [`PipelineError`] where the views do not look down at such ground, or the settings leave no range of heights.
     pub fn of_city(
-        config: &RunConfig,
+        settings: &HeightsConfig,
         survey: &Survey,
         area: MapBox,
         highest_ground_m: f64,
     ) -> Result<Self, PipelineError> {
         let lowest_flight_m = input::clearance_m(survey, highest_ground_m)?;
-        let bounds = input::height_bounds(config, lowest_flight_m)?;
-        Ok(Self { origin: origin(survey, area), bounds, ground_spacing_m: ground_told::spacing_m(area) })
+        let bounds = input::height_bounds(settings, lowest_flight_m)?;
+        Ok(Self { origin: origin(survey, area), bounds, ground_spacing_m: photo_ground::spacing_m(area) })
     }
 }
 

@@ -6,12 +6,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DVec3;
 
+use super::artefact::Artefacts;
 use super::footprints;
 use super::kept::PriorStore;
 use super::parts::buildings_of;
-use super::stages::SceneStage;
-use super::{Event, FootprintStage, HeightStage, PipelineError, Solver, Stage, Tell, artefact, ground_told};
-use crate::config::RunConfig;
+use super::scene::SceneStage;
+use super::settings::HeightSettings;
+use super::{Event, FootprintStage, HeightStage, PipelineError, Solver, Stage, Tell, photo_ground};
 use sizeup_footprints::FootprintSource;
 use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::Terrain;
@@ -26,7 +27,7 @@ use sizeup_photos::prior::{
     Album, DepthPrior, GroundCorrelation, PriorConfig, PriorKind, Priors, ground_correlation, judge_tag, judge_unit,
     surely_inverted,
 };
-use sizeup_survey::{Survey, View, ViewKind, mismatch};
+use sizeup_survey::{Survey, View, mismatch};
 
 /// Views whose priors are compared with the ground before any ray is traced.
 const N_SAMPLED: usize = 5;
@@ -35,50 +36,58 @@ const PICTURE_BYTES: usize = 512 << 20;
 
 /// Input of the search for heights.
 pub(super) struct HeightSearch<'a> {
-    pub config: &'a RunConfig,
-    pub survey: &'a Survey,
-    pub tell: Tell<'a>,
-    pub solver: Solver<'a>,
-    settings: MethodSettings,
+    settings: &'a HeightSettings<'a>,
+    survey: &'a Survey,
+    tell: Tell<'a>,
+    solver: Solver<'a>,
+    method: MethodSettings,
 }
 
 impl<'a> HeightSearch<'a> {
     /// For a scene that stands alone.
-    pub fn new(config: &'a RunConfig, survey: &'a Survey, tell: Tell<'a>, solver: Solver<'a>) -> Self {
-        let mut settings = MethodSettings {
-            optimise: for_priors(&config.prior, &config.optimise),
-            refinement: config.refinement.clone(),
-        };
+    pub fn new(settings: &'a HeightSettings<'a>, survey: &'a Survey, tell: Tell<'a>, solver: Solver<'a>) -> Self {
+        let refinement = settings.method.refinement.clone();
+        let mut method = MethodSettings { optimise: settings.optimise(), refinement };
         // Footprints that were found in the photos are where the photos show them.
-        let is_layer = matches!(config.footprints, FootprintSource::Layer(_));
-        settings.optimise.search.measure_shift &= is_layer;
-        settings.optimise.search.measure_footprints &= is_layer;
-        Self { config, survey, tell, solver, settings }
+        let is_layer = matches!(settings.footprints, FootprintSource::Layer(_));
+        method.optimise.search.measure_shift &= is_layer;
+        method.optimise.search.measure_footprints &= is_layer;
+        Self { settings, survey, tell, solver, method }
     }
 
     /// For a part of a city, where the shift of the layer as a whole is not measured: neighbouring tiles would come apart.
-    pub fn within_a_city(config: &'a RunConfig, survey: &'a Survey, tell: Tell<'a>, solver: Solver<'a>) -> Self {
-        let mut search = Self::new(config, survey, tell, solver);
-        search.settings.optimise.search.measure_shift = false;
+    pub fn within_a_city(
+        settings: &'a HeightSettings<'a>,
+        survey: &'a Survey,
+        tell: Tell<'a>,
+        solver: Solver<'a>,
+    ) -> Self {
+        let mut search = Self::new(settings, survey, tell, solver);
+        search.method.optimise.search.measure_shift = false;
         search
     }
 
     /// Finds the heights, and moves roofs with them where footprints were found in photos; returns the priors as well.
-    pub fn run(&self, footprints: &mut FootprintStage) -> Result<(HeightStage, SceneStage, PriorStore), PipelineError> {
-        require_matched_photos(self.config, self.survey)?;
-        let mut stage = SceneStage::on_measured_ground(self.config, self.survey, footprints)?;
+    pub fn run(
+        &self,
+        footprints: &mut FootprintStage,
+        artefacts: &Artefacts<'_>,
+    ) -> Result<(HeightStage, SceneStage, PriorStore), PipelineError> {
+        let HeightSettings { scene, footprints: source, .. } = self.settings;
+        require_matched_photos(self.settings, self.survey)?;
+        let mut stage = SceneStage::on_measured_ground(scene, self.survey, footprints)?;
         let mut priors = self.open_priors(&stage)?;
-        let mut provisional = self.settings.clone();
+        let mut provisional = self.method.clone();
         provisional.optimise.search.split_levels = false;
         provisional.optimise.search.measure_shift = false;
         provisional.refinement.enabled = Some(false);
         // Roofs move with their heights, and heights are measured under their roofs.
-        for _ in 0..footprints::roof_rounds(self.config, footprints) {
+        for _ in 0..footprints::roof_rounds(source, footprints) {
             let heights = self.estimate(footprints, &stage, &priors, &provisional);
             require_priors(self.survey, &heights.solution)?;
-            let has_moved = footprints::move_roofs(self.config, self.survey, footprints, &heights)?;
+            let has_moved = footprints::move_roofs(source, &scene.ground, self.survey, footprints, &heights)?;
             let terrain = stage.terrain.clone();
-            stage = SceneStage::new(self.config, self.survey, footprints)?;
+            stage = SceneStage::new(scene, self.survey, footprints)?;
             // Computed priors depend on the terrain.
             if stage.terrain != terrain {
                 priors = self.open_priors(&stage)?;
@@ -88,7 +97,7 @@ impl<'a> HeightSearch<'a> {
             }
         }
         if footprints.tracks.is_some() {
-            artefact::write(self.config, Stage::Footprints, self.survey, &footprints)?;
+            artefacts.write(Stage::Footprints, self.survey, &footprints)?;
         }
         let heights = self.in_parts(footprints, &mut stage, &priors);
         require_priors(self.survey, &heights.solution)?;
@@ -102,13 +111,13 @@ impl<'a> HeightSearch<'a> {
         stage: &mut SceneStage,
         priors: &PriorStore,
     ) -> HeightStage {
-        let mut heights = self.estimate(footprints, stage, priors, &self.settings);
+        let mut heights = self.estimate(footprints, stage, priors, &self.method);
         stage.split(footprints, &mut heights);
         heights
     }
 
     fn open_priors(&self, stage: &SceneStage) -> Result<PriorStore, PipelineError> {
-        let store = PriorStore::open(self.config, self.survey, stage)?;
+        let store = PriorStore::open(self.settings, self.survey, stage)?;
         require_a_prior(self, &store, &stage.terrain)?;
         Ok(store)
     }
@@ -118,11 +127,11 @@ impl<'a> HeightSearch<'a> {
         footprints: &FootprintStage,
         stage: &SceneStage,
         priors: &PriorStore,
-        settings: &MethodSettings,
+        method: &MethodSettings,
     ) -> HeightStage {
         let run_priors =
             RunPriors { store: priors, survey: self.survey, terrain: &stage.terrain, found: Mutex::default() };
-        let album = Album::new(self.config.refinement.long_side_px, PICTURE_BYTES);
+        let album = Album::new(method.refinement.long_side_px, PICTURE_BYTES);
         let frame = stage.frame();
         let task = Task {
             buildings: &buildings_of(footprints),
@@ -131,11 +140,11 @@ impl<'a> HeightSearch<'a> {
             views: &cameras(self.survey),
             priors: &run_priors,
             photos: Some(&RunPhotos { album, survey: self.survey }),
-            seed: self.config.seed,
+            seed: self.settings.seed,
             progress: &|what, done, total| (self.tell)(Event::Advance { what, done, total }),
         };
         let Heights { parts, solution, splits, joined, layer_shift, mut unread_photos } =
-            estimate_with(&task, settings, self.solver);
+            estimate_with(&task, method, self.solver);
         unread_photos.extend(priors.unread_photos());
         unread_photos.sort_unstable();
         unread_photos.dedup_by_key(|(view, _)| *view);
@@ -147,16 +156,11 @@ impl<'a> HeightSearch<'a> {
             joined,
             solution,
             unread_photos,
-            ground: footprints.told.clone(),
+            ground: footprints.photo_ground.clone(),
             layer_shift,
-            doubt: run_priors.doubt(&self.config.prior),
+            doubt: run_priors.doubt(self.settings.prior),
         }
     }
-}
-
-/// Memory that refining roofs takes at most with so many photos, bytes.
-pub(super) fn picture_bytes(config: &RunConfig, n_photos: usize) -> usize {
-    PICTURE_BYTES.min(n_photos.saturating_mul(Album::bytes_of_one(config.refinement.long_side_px)))
 }
 
 /// The run's priors as the method takes them; how each follows the ground is measured on the way.
@@ -215,32 +219,27 @@ impl Photos for RunPhotos<'_> {
     }
 }
 
-/// Whether the photo of a view is read while heights are found: for roofs, for vegetation, or for the ground.
-#[must_use]
-pub fn reads_photo(config: &RunConfig, view: &View) -> bool {
-    let masks_vegetation = config.optimise.leaves_out_vegetation() && view.kind() == ViewKind::Oblique;
-    (refines_roofs(config) || masks_vegetation || ground_told::asks(config)) && view.image.is_some()
-}
-
-/// Whether photos, where there are any, refine roofs.
-pub(super) fn refines_roofs(config: &RunConfig) -> bool {
-    let refinement = config.refinement.clone();
-    MethodSettings { optimise: config.optimise.clone(), refinement }.refines_roofs()
-}
-
-/// Memory that photos take at most where there are so many, bytes: those of roofs, then those of the ground.
-#[must_use]
-pub fn photo_bytes(config: &RunConfig, n_photos: usize) -> usize {
-    picture_bytes(config, n_photos).max(ground_told::photo_bytes(n_photos))
-}
-
-/// Depth in metres is not calibrated.
-pub(super) fn for_priors(priors: &PriorConfig, optimise: &OptimiseConfig) -> OptimiseConfig {
-    let mut optimise = optimise.clone();
-    if priors.is_in_metres() {
-        optimise.search.calibrate_on = CalibrationRays::None;
+impl HeightSettings<'_> {
+    /// Memory that photos take at most where there are so many, bytes: those of roofs, then those of the ground.
+    #[must_use]
+    pub fn photo_bytes(&self, n_photos: usize) -> usize {
+        let of_one = Album::bytes_of_one(self.method.refinement.long_side_px);
+        PICTURE_BYTES.min(n_photos.saturating_mul(of_one)).max(photo_ground::photo_bytes(n_photos))
     }
-    optimise
+
+    /// Settings of the solver for the run's depth: depth in metres is not calibrated.
+    pub(super) fn optimise(&self) -> OptimiseConfig {
+        let mut optimise = self.method.optimise.clone();
+        if self.scene.depth.is_in_metres {
+            optimise.search.calibrate_on = CalibrationRays::None;
+        }
+        optimise
+    }
+
+    /// Every view of a survey at its working resolution.
+    pub(super) fn view_inputs(&self, survey: &Survey, scene: &Scene) -> Vec<ViewInput> {
+        sizeup_heights::estimate::view_inputs(&cameras(survey), &self.optimise(), scene, DVec3::ZERO)
+    }
 }
 
 /// A survey whose photos are all moved in the map frame, metres.
@@ -260,17 +259,10 @@ fn cameras(survey: &Survey) -> Vec<NamedCamera> {
     survey.views.iter().map(named).collect()
 }
 
-/// Every view of a survey at its working resolution.
-pub(super) fn view_inputs(config: &RunConfig, survey: &Survey, scene: &Scene) -> Vec<ViewInput> {
-    let optimise = for_priors(&config.prior, &config.optimise);
-    sizeup_heights::estimate::view_inputs(&cameras(survey), &optimise, scene, DVec3::ZERO)
-}
-
-/// Looks at some priors before rays are traced for all of them: whether one can be used (without a single one there
-/// is nothing to solve, and the settings are wrong, not single photos), and whether they follow the ground. Computed priors are told
-/// of as they are computed; what they need is photos.
+/// Checks some priors before rays are traced for all of them: that one can be used (else the settings are wrong, not single photos),
+/// and that they follow the ground. Computed priors only need photos here; their computation reports its own errors.
 fn require_a_prior(
-    &HeightSearch { config, survey, tell, .. }: &HeightSearch<'_>,
+    &HeightSearch { settings, survey, tell, .. }: &HeightSearch<'_>,
     priors: &PriorStore,
     terrain: &Terrain,
 ) -> Result<(), PipelineError> {
@@ -297,7 +289,7 @@ fn require_a_prior(
         }
     }
     if let Some(median) = surely_inverted(&correlations) {
-        return Err(inverted(&config.prior, correlations.len(), median));
+        return Err(inverted(settings.prior, correlations.len(), median));
     }
     if judge_tag(&correlations).is_some() {
         tell(Event::PriorsDoubted { n_views: correlations.len() });
@@ -311,10 +303,10 @@ fn require_a_prior(
 }
 
 /// Where a folder of photos is named, priors that are computed need one of a pose in it.
-pub(super) fn require_matched_photos(config: &RunConfig, survey: &Survey) -> Result<(), PipelineError> {
+pub(super) fn require_matched_photos(settings: &HeightSettings<'_>, survey: &Survey) -> Result<(), PipelineError> {
     let has_photo = survey.views.iter().any(|view| view.image.is_some());
-    match &config.survey.images {
-        Some(folder) if !has_photo && !matches!(config.prior, PriorConfig::Files(_)) => {
+    match settings.images {
+        Some(folder) if !has_photo && !matches!(settings.prior, PriorConfig::Files(_)) => {
             let cut_short = survey.issues.iter().find(|issue| issue.code == "photo_cut_short");
             let why = cut_short.map_or_else(|| mismatch(&survey.views, folder), |issue| issue.message.clone());
             Err(PipelineError::Mismatch {

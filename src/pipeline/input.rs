@@ -6,25 +6,25 @@ use rayon::prelude::*;
 use serde_json::{Map as JsonMap, Value};
 
 use super::apart::no_overlap;
+use super::settings::{DepthKind, HeightSettings, OutputSettings, PlaceSettings, SceneSettings};
 use super::{FootprintStage, PipelineError};
-use crate::config::RunConfig;
 use sizeup_footprints::{Footprint, attribute};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::GroundLevel;
-use sizeup_heights::scene::HeightBounds;
-use sizeup_results::output::fallback::FallbackSource;
+use sizeup_heights::scene::{HeightBounds, HeightsConfig};
+use sizeup_results::output::fallback::{FallbackConfig, FallbackSource};
 use sizeup_survey::{Survey, ViewKind, Viewpoints};
 
 /// Code of the issue of footprints that are in no photo.
 const UNSEEN: &str = "footprints_unseen";
 const RANGE_HINT: &str = "set heights.min_m and heights.max_m in metres above ground";
 
-/// Buildings that are looked at to learn from how many places the photos were taken.
+/// Buildings sampled to count the places that photos were taken from.
 const N_LOOKED_AT: usize = 200;
 
-/// Checks that the views look at the footprints from above; returns the lowest flying height above ground, metres.
+/// Checks that the views show the footprints from above; returns the lowest flying height above ground, metres.
 pub(super) fn check_views(
-    config: &RunConfig,
+    settings: &SceneSettings<'_>,
     survey: &Survey,
     footprints: &FootprintStage,
 ) -> Result<f64, PipelineError> {
@@ -41,16 +41,16 @@ pub(super) fn check_views(
             hint: "does the terrain cover the footprints, in the CRS it states?",
         });
     };
-    check_kind(config, survey)?;
-    check_overlap(config, survey, footprints)?;
-    check_baseline(config, survey, &targets)?;
+    check_kind(settings.depth, survey)?;
+    check_overlap(&settings.places, survey, footprints)?;
+    check_baseline(settings.depth, survey, &targets)?;
     clearance_m(survey, highest_ground)
 }
 
 /// Checks that there are oblique views, or nadir ones with depth in metres: what is only near and far shows no height from above.
-fn check_kind(config: &RunConfig, survey: &Survey) -> Result<(), PipelineError> {
+fn check_kind(depth: DepthKind, survey: &Survey) -> Result<(), PipelineError> {
     let has_views = survey.views_for_heights().next().is_some();
-    if has_views && (survey.kind_for_heights() == ViewKind::Oblique || config.prior.is_in_metres()) {
+    if has_views && (survey.kind_for_heights() == ViewKind::Oblique || depth.is_in_metres) {
         return Ok(());
     }
     let has_photos = has_views && survey.views.iter().any(|view| view.image.is_some());
@@ -67,8 +67,8 @@ fn check_kind(config: &RunConfig, survey: &Survey) -> Result<(), PipelineError> 
 
 /// Checks that the oblique photos of some building, on its ground, were taken from different places, where heights come from matching
 /// photos with each other.
-pub(super) fn check_baseline(config: &RunConfig, survey: &Survey, targets: &[DVec3]) -> Result<(), PipelineError> {
-    if !config.prior.matches_photos() {
+pub(super) fn check_baseline(depth: DepthKind, survey: &Survey, targets: &[DVec3]) -> Result<(), PipelineError> {
+    if !depth.from_photos {
         return Ok(());
     }
     let sample = targets.iter().step_by(targets.len().div_ceil(N_LOOKED_AT).max(1));
@@ -98,13 +98,17 @@ fn targets(footprints: &FootprintStage) -> Vec<DVec3> {
 }
 
 /// Checks that some view, of whatever kind, sees some footprint.
-fn check_overlap(config: &RunConfig, survey: &Survey, footprints: &FootprintStage) -> Result<(), PipelineError> {
+fn check_overlap(
+    places: &PlaceSettings<'_>,
+    survey: &Survey,
+    footprints: &FootprintStage,
+) -> Result<(), PipelineError> {
     let targets = targets(footprints);
     let is_seen = |target: &DVec3| is_in_a_photo(survey, *target);
     if targets.is_empty() || targets.iter().any(is_seen) {
         Ok(())
     } else {
-        Err(no_overlap(config, survey, &footprints.layer))
+        Err(no_overlap(places, survey, &footprints.layer))
     }
 }
 
@@ -113,14 +117,14 @@ fn check_overlap(config: &RunConfig, survey: &Survey, footprints: &FootprintStag
 /// # Errors
 /// [`PipelineError::Unusable`] where all are.
 pub(super) fn unseen(
-    config: &RunConfig,
+    places: &PlaceSettings<'_>,
     survey: &Survey,
     footprints: &FootprintStage,
 ) -> Result<Option<Issue>, PipelineError> {
     let targets = targets(footprints);
     let n_unseen = targets.par_iter().filter(|target| !is_in_a_photo(survey, **target)).count();
     if n_unseen == targets.len() && n_unseen > 0 {
-        return Err(no_overlap(config, survey, &footprints.layer));
+        return Err(no_overlap(places, survey, &footprints.layer));
     }
     let message = format!("{n_unseen} of {} footprints are in no photo", targets.len());
     let subject = Subject::Input("footprints".to_owned());
@@ -148,44 +152,44 @@ pub(super) fn clearance_m(survey: &Survey, highest_ground: f64) -> Result<f64, P
     Ok(lowest)
 }
 
-/// Checks what the settings alone can tell, before any work.
-pub(super) fn check_settings(config: &RunConfig) -> Result<(), PipelineError> {
-    if config.project.output.is_file() {
+/// Checks the settings before any work.
+pub(super) fn check_settings(output: &OutputSettings<'_>, heights: &HeightSettings<'_>) -> Result<(), PipelineError> {
+    let folder = output.folder.path();
+    if folder.is_file() {
         return Err(PipelineError::Settings {
             table: "project",
-            message: format!("output {} is a file, expected a folder", config.project.output.display()),
+            message: format!("output {} is a file, expected a folder", folder.display()),
             hint: "name another with `--output FOLDER`, or `project.output` in the configuration",
         });
     }
-    if let Some(fault) = config.output.fallback.fault() {
+    if let Some(fault) = output.config.fallback.fault() {
         return Err(PipelineError::Settings {
             table: "output.fallback",
             message: fault.to_owned(),
             hint: "source is none, attribute (with attribute = \"storeys\", metres_per_unit = 3.0) or neighbourhood",
         });
     }
-    if let Some((field, expected)) = config.refinement.fault() {
+    if let Some((field, expected)) = heights.method.refinement.fault() {
         return Err(PipelineError::Settings {
             table: "refinement",
             message: format!("`{field}` is out of range: expected {expected}"),
             hint: "leave it out for the default, or set enabled = false to leave the photos out",
         });
     }
-    match config.heights.fault() {
+    match heights.scene.heights.fault() {
         None => Ok(()),
         Some(message) => Err(PipelineError::Settings { table: "heights", message, hint: RANGE_HINT }),
     }
 }
 
-/// Checks that some footprint has the attribute that heights are to come from where photos do not tell them.
+/// Checks that some footprint has the attribute that replaces heights that could not be measured.
 ///
 /// # Errors
 /// [`PipelineError::Settings`].
 pub fn check_fallback<'a>(
-    config: &RunConfig,
+    settings: &FallbackConfig,
     mut attributes: impl Iterator<Item = &'a JsonMap<String, Value>>,
 ) -> Result<(), PipelineError> {
-    let settings = &config.output.fallback;
     match (settings.source, &settings.attribute) {
         (FallbackSource::Attribute, Some(name))
             if !attributes.any(|of_one| of_one.contains_key(name) || attribute(of_one, name).is_some()) =>
@@ -200,9 +204,9 @@ pub fn check_fallback<'a>(
     }
 }
 
-/// The heights to look for.
-pub(super) fn height_bounds(config: &RunConfig, lowest_flight_m: f64) -> Result<HeightBounds, PipelineError> {
-    let bounds = config.heights.bounds(lowest_flight_m);
+/// Range of the heights.
+pub(super) fn height_bounds(settings: &HeightsConfig, lowest_flight_m: f64) -> Result<HeightBounds, PipelineError> {
+    let bounds = settings.bounds(lowest_flight_m);
     let HeightBounds { min_m, max_m } = bounds;
     if !(min_m > 0.0 && max_m > min_m && max_m.is_finite()) {
         return Err(PipelineError::Settings {

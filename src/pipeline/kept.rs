@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::config::RunConfig;
 use sizeup_geo::kept::Kept;
 use sizeup_heights::optimise::WithoutPrior;
 use sizeup_heights::raster::Raster;
@@ -14,7 +13,8 @@ use sizeup_photos::vegetation;
 use sizeup_survey::{Survey, View};
 
 use super::PipelineError;
-use super::stages::SceneStage;
+use super::scene::SceneStage;
+use super::settings::HeightSettings;
 
 /// Memory that a run keeps computed priors in, bytes: some 350 of 518 × 350 pixels.
 const KEPT_BYTES: usize = 256 << 20;
@@ -29,27 +29,28 @@ pub(super) struct PriorStore {
     views: Vec<View>,
     /// By the view's position, weighed in bytes.
     kept: Kept<usize, DepthPrior>,
-    /// Longer side of the photos that are looked at for what is green; `None` where they are not asked.
+    /// Longer side of the photos that vegetation is detected in; `None` where it is not masked.
     green_px: Option<u32>,
     green: Kept<usize, Option<Arc<Raster<bool>>>>,
-    /// By the view's position: why its photo cannot be looked at.
+    /// By the view's position: why its photo cannot be read.
     unread: Mutex<BTreeMap<usize, String>>,
 }
 
 impl PriorStore {
     /// Priors of a run.
-    pub fn open(config: &RunConfig, survey: &Survey, stage: &SceneStage) -> Result<Self, PipelineError> {
-        let source = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
-        Ok(Self::new(config, source, survey, KEPT_BYTES))
+    pub fn open(settings: &HeightSettings<'_>, survey: &Survey, stage: &SceneStage) -> Result<Self, PipelineError> {
+        let source = settings.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
+        Ok(Self::new(settings, source, survey, KEPT_BYTES))
     }
 
     /// One that forgets, where memory is counted.
-    pub fn forgetful(config: &RunConfig, source: Priors, survey: &Survey) -> Self {
-        Self::new(config, source, survey, 0)
+    pub fn forgetful(settings: &HeightSettings<'_>, source: Priors, survey: &Survey) -> Self {
+        Self::new(settings, source, survey, 0)
     }
 
-    fn new(config: &RunConfig, source: Priors, survey: &Survey, kept_bytes: usize) -> Self {
-        let green_px = config.optimise.leaves_out_vegetation().then_some(config.optimise.working_px);
+    fn new(settings: &HeightSettings<'_>, source: Priors, survey: &Survey, kept_bytes: usize) -> Self {
+        let optimise = &settings.method.optimise;
+        let green_px = optimise.leaves_out_vegetation().then_some(optimise.working_px);
         let bytes_of_one = green_px.map_or(1, |side| (side as usize).pow(2) * 2 / 3).max(1);
         Self {
             source,
@@ -71,7 +72,7 @@ impl PriorStore {
         self.source.are_at_hand() || self.kept.find(&view).is_some()
     }
 
-    /// Why a view has no prior, as far as that can be told without reading or computing one.
+    /// Why a view has no prior, as far as that is known without reading or computing one.
     pub fn absence(&self, view: usize) -> Option<String> {
         self.source.absence(&self.views[view]).map(|e| e.to_string())
     }
@@ -89,7 +90,7 @@ impl PriorStore {
         Ok(prior)
     }
 
-    /// Pixels of a view's photo that are as green as leaves, by its position; `None` where photos are not asked, or do not say.
+    /// Pixels of a view's photo that are as green as leaves, by its position; `None` where vegetation is not masked, or the photo cannot be read.
     pub fn green(&self, view: usize) -> Option<Arc<Raster<bool>>> {
         let (of, long_side_px) = (&self.views[view], self.green_px?);
         let look = || vegetation::green(of, long_side_px).map(|green| green.map(Arc::new));
@@ -103,12 +104,12 @@ impl PriorStore {
         }
     }
 
-    /// The views whose photos could not be looked at, by their positions, and why.
+    /// The views whose photos could not be read, by their positions, and why.
     pub fn unread_photos(&self) -> Vec<(usize, String)> {
         self.unread.lock().unwrap_or_else(PoisonError::into_inner).clone().into_iter().collect()
     }
 
-    /// Computes priors that [`Self::load`] will be asked for, where that is done for several at a time: into the cache.
+    /// Computes priors that [`Self::load`] will load, into the cache, where several are computed at a time.
     /// Those that cannot be computed, and why.
     pub fn expect(&self, views: &[usize], progress: &(dyn Fn(usize, usize) + Sync)) -> Vec<WithoutPrior> {
         if !self.source.computes_several() {

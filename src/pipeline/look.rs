@@ -6,9 +6,9 @@ use glam::DVec2;
 use image::RgbImage;
 use rand::Rng as _;
 
-use super::stages::SceneStage;
-use super::{FootprintStage, HeightStage, PipelineError, Stage, artefact, pictures};
-use crate::config::RunConfig;
+use super::scene::SceneStage;
+use super::settings::HeightSettings;
+use super::{FootprintStage, PipelineError, RunSettings, Stage, pictures};
 use sizeup_heights::ordinal::{DepthOrder, Normaliser};
 use sizeup_heights::raster::Raster;
 use sizeup_heights::render::PlacedCamera;
@@ -16,7 +16,6 @@ use sizeup_heights::render::image::{DepthImage, SceneTracer};
 use sizeup_heights::seed;
 use sizeup_photos::prior::{DepthPrior, PriorSource as _};
 use sizeup_results::output::picture::{PicturedPair, beside, pairs_picture, photo_of, write_png};
-use sizeup_survey::Survey;
 
 /// Width of each of the four pictures, pixels.
 const PICTURE_PX: u32 = 640;
@@ -25,10 +24,11 @@ const PICTURE_PX: u32 = 640;
 ///
 /// # Errors
 /// [`PipelineError`]: no run in the output folder, no such view or pass, or a file that cannot be read or written.
-pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) -> Result<(), PipelineError> {
-    let survey: Survey = artefact::read_survey(config)?;
-    let mut footprints: FootprintStage = artefact::read(config, Stage::Footprints, &survey)?;
-    let heights: HeightStage = artefact::read(config, Stage::Heights, &survey)?;
+pub fn look(settings: &RunSettings<'_>, view: &str, pass: Option<usize>, path: &Path) -> Result<(), PipelineError> {
+    let RunSettings { artefacts, heights: settings, .. } = settings;
+    let survey = artefacts.read_survey()?;
+    let mut footprints: FootprintStage = artefacts.read(Stage::Footprints, &survey)?;
+    let heights = artefacts.read_heights(&survey, &footprints)?;
     let wrong = |message: String, hint| PipelineError::Settings { table: "look", message, hint };
     let found =
         survey.views.iter().find(|v| v.id.0 == view).or_else(|| survey.views.iter().find(|v| v.id.0.contains(view)));
@@ -47,19 +47,18 @@ pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) ->
                 "passes are counted from 1; the last is taken where none is named",
             )
         })?;
-    heights.check_positions(config, &survey, &footprints)?;
-    let (heights, stage) = SceneStage::of_heights(config, &survey, &mut footprints, heights)?;
+    let (heights, stage) = SceneStage::of_heights(&settings.scene, &survey, &mut footprints, heights)?;
     if heights_m.len() != stage.solved.len() {
         let message =
             format!("pass {pass} has {} heights, the scene {} buildings", heights_m.len(), stage.solved.len());
         return Err(wrong(message, "run again from the heights stage (--from heights)"));
     }
-    let priors = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
+    let priors = settings.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
     let prior = priors.load(found)?.to_z_depth(&found.camera);
     let placed = PlacedCamera::new(found.camera.reduced_to(PICTURE_PX), found.camera_from_map, stage.scene.origin)
         .moved(heights.moved_m());
     let rendered = SceneTracer::new(&stage.scene, &heights_m).render(&placed);
-    let pairs = ordinal_pairs(config, &rendered, &prior, pass as u64);
+    let pairs = ordinal_pairs(settings, &rendered, &prior, pass as u64);
     let panel = pictures::panel_of(
         found,
         &rendered.depth,
@@ -72,8 +71,13 @@ pub fn look(config: &RunConfig, view: &str, pass: Option<usize>, path: &Path) ->
 }
 
 /// Random pairs of building pixels, as the `paper` preset draws them; those without a vote are left out.
-fn ordinal_pairs(config: &RunConfig, rendered: &DepthImage, prior: &DepthPrior, pass: u64) -> Vec<PicturedPair> {
-    let ordinal = &config.optimise.ordinal;
+fn ordinal_pairs(
+    settings: &HeightSettings<'_>,
+    rendered: &DepthImage,
+    prior: &DepthPrior,
+    pass: u64,
+) -> Vec<PicturedPair> {
+    let ordinal = &settings.method.optimise.ordinal;
     let (width, height) = (rendered.depth.width(), rendered.depth.height());
     let farness: Raster<f32> = prior.to_farness();
     let at = |i: usize| {
@@ -92,7 +96,7 @@ fn ordinal_pairs(config: &RunConfig, rendered: &DepthImage, prior: &DepthPrior, 
     let (Some(of_depth), Some(of_prior)) = (Normaliser::from_values(&depths), Normaliser::from_values(&values)) else {
         return Vec::new();
     };
-    let mut rng = seed::stream(config.seed, "pictured pairs", &[pass]);
+    let mut rng = seed::stream(settings.seed, "pictured pairs", &[pass]);
     let end = |k: usize| at(compared[k].0).as_vec2().to_array();
     let pair = |_| {
         let (p, q) = (rng.random_range(0..compared.len()), rng.random_range(0..compared.len()));

@@ -20,41 +20,52 @@ mod evidence;
 mod footprints;
 mod footprints_off;
 mod frame;
-mod ground_told;
+mod ground;
 mod heights;
 mod input;
+mod issues;
 mod kept;
+mod lineage;
 mod look;
 mod overview;
 mod parts;
+mod photo_ground;
 mod pictures;
 mod poses;
 mod priors;
+mod recipes;
 mod records;
 mod report;
+mod run_settings;
+mod scene;
 mod settings;
 mod soundness;
+mod stage_data;
 mod stages;
 mod tile;
 mod worst;
 
-pub use artefact::{FootprintStage, HeightStage};
+pub use contents::files_of;
 pub use dtm::{dtm_of_photos, write_dtm, write_project};
 pub use error::PipelineError;
 pub use footprints::files as footprint_files;
 pub use frame::Frame;
-pub use ground_told::GroundTold;
-pub use heights::{photo_bytes, reads_photo};
 pub use input::check_fallback;
+pub use issues::unstated_reference;
 pub use look::look;
+pub use photo_ground::PhotoGround;
 pub use poses::terrain_around;
 pub use priors::{PriorsDone, Wanted, compute_priors};
 pub use report::{photos_for_city_report, write_city_report};
-pub use settings::part_settings;
-pub use stages::{correct_ground, files_of, lineage_of, reviews_of, unstated_reference};
-pub use tile::{
-    CityPart, PartHashes, PartHeights, find_footprints, footprints_around, layer_of, refused_records, survey_of,
+pub use run_settings::RunSettings;
+pub use scene::terrain_of_heights;
+pub use settings::{
+    DepthKind, DtmSettings, FootprintSettings, GroundSettings, HeightSettings, Origin, OutputSettings, PlaceSettings,
+    RecordSettings, SceneSettings, SurveySettings,
 };
+pub use stage_data::{FootprintStage, HeightStage};
+pub use stages::reviews_of;
+pub use tile::{CityPart, PartHashes, PartHeights, find_footprints, footprints_around, layer_of, refused_records};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -115,7 +126,7 @@ pub enum Event {
         /// Number of sizes of the photos in all.
         total: usize,
     },
-    /// So many photos were looked at for blur and exposure.
+    /// So many photos were checked for blur and exposure.
     Photos {
         /// Number of photos done.
         done: usize,
@@ -129,9 +140,9 @@ pub enum Event {
         /// Number of places in all.
         total: usize,
     },
-    /// The first priors do not follow the ground: told before the work that rests on them.
+    /// The first priors do not follow the ground; reported before the work that depends on them.
     PriorsDoubted {
-        /// Number of views looked at.
+        /// Number of views checked.
         n_views: usize,
     },
     /// So much of some work within a stage is done.
@@ -145,7 +156,7 @@ pub enum Event {
     },
 }
 
-/// Told about every [`Event`], from any thread.
+/// Callback for every [`Event`], from any thread.
 pub type Tell<'a> = &'a (dyn Fn(Event) + Sync);
 
 /// The result of a run in memory: what its files say.
@@ -171,7 +182,7 @@ impl City {
 /// As [`run`].
 pub fn city(config: &RunConfig, tell: Tell<'_>) -> Result<City, PipelineError> {
     let options = RunOptions { from: Stage::Survey, until: Stage::Output, command: String::new() };
-    stages::run(config, &options, tell, &solve)
+    stages::run(&RunSettings::of(config), &options, tell, &solve)
 }
 
 /// Runs the stages of a configuration.
@@ -185,8 +196,8 @@ pub fn run(config: &RunConfig, options: &RunOptions, tell: Tell<'_>) -> Result<R
 
 pub use sizeup_heights::estimate::Solver;
 
-/// As [`run`], with another solver in the optimiser's place. Its results belong in a folder of their own: what the
-/// heights stage leaves behind does not tell which solver ran.
+/// As [`run`], with another solver in the optimiser's place. Its results belong in a folder of their own: the result of the heights
+/// stage does not name the solver.
 ///
 /// # Errors
 /// As [`run`].
@@ -196,5 +207,5 @@ pub fn run_with(
     tell: Tell<'_>,
     solver: Solver<'_>,
 ) -> Result<RunSummary, PipelineError> {
-    Ok(stages::run(config, options, tell, solver)?.summary)
+    Ok(stages::run(&RunSettings::of(config), options, tell, solver)?.summary)
 }

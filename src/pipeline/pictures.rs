@@ -7,22 +7,18 @@ use image::RgbImage;
 use rayon::prelude::*;
 
 use super::kept::PriorStore;
-use super::stages::SceneStage;
+use super::scene::SceneStage;
 use super::{HeightStage, PipelineError};
 use sizeup_footprints::Detection;
 use sizeup_geo::template::name_among;
 use sizeup_geo::terrain::Terrain;
-use sizeup_heights::optimise::EpochRecord;
 use sizeup_heights::raster::Raster;
 use sizeup_heights::render::PlacedCamera;
 use sizeup_heights::render::image::SceneTracer;
 use sizeup_photos::prior::DepthPrior;
 use sizeup_results::output::CityModel;
 use sizeup_results::output::picture::colour::{ROOF, Rgb, WALL};
-use sizeup_results::output::picture::{
-    self, AxesKind, Chart, MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline, SERIES_COLOURS, Series,
-    Stroke, photo_of,
-};
+use sizeup_results::output::picture::{self, MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline, photo_of};
 use sizeup_survey::{Survey, View, ViewKind};
 
 /// Photos with the proxies drawn over them.
@@ -42,11 +38,6 @@ pub(super) fn write(
 ) -> Result<(), PipelineError> {
     let folder = folder.join("pictures");
     picture::write_png(&folder.join("map.png"), &picture::map(model, &MapConfig::default()))?;
-    if heights.solution.history.len() > 1 {
-        let [loss, trajectories] = history(&heights.solution.history);
-        picture::write_png(&folder.join("loss.png"), &picture::chart(&loss, 800, 480))?;
-        picture::write_png(&folder.join("heights.png"), &picture::chart(&trajectories, 800, 620))?;
-    }
     let views = telling_views(model.survey, heights);
     let heights_m: Vec<f32> =
         heights.solution.heights.iter().map(|h| h.height_m.map_or(stage.scene.bounds.min_m, |h| h as f32)).collect();
@@ -128,38 +119,7 @@ fn ground_lines(view: &View, polygon: &Polygon<f64>, terrain: &Terrain, colour: 
 const FOOTPRINT: Rgb = [253, 231, 37];
 const CANDIDATE: Rgb = [64, 190, 200];
 
-/// The loss, and every building's height, over the passes.
-fn history(passes: &[EpochRecord]) -> [Chart; 2] {
-    let of_pass = |value: &dyn Fn(&EpochRecord) -> f64| -> Vec<[f64; 2]> {
-        passes.iter().enumerate().map(|(i, pass)| [(i + 1) as f64, value(pass)]).collect()
-    };
-    let chart = |title: &str, y_label: &str, series: Vec<Series>, axes: AxesKind| Chart {
-        title: title.to_owned(),
-        x_label: "pass".to_owned(),
-        y_label: y_label.to_owned(),
-        series,
-        axes,
-    };
-    let line = |name: &str, points: Vec<[f64; 2]>, stroke: Stroke, colour: usize| Series {
-        name: name.to_owned(),
-        points,
-        stroke,
-        colour: SERIES_COLOURS[colour],
-    };
-    let loss = of_pass(&|pass| pass.loss);
-    let change = of_pass(&|pass| pass.relative_change);
-    let curves =
-        vec![line("loss", loss, Stroke::Line, 0), line("mean change of heights, as a share", change, Stroke::Line, 1)];
-    let n_buildings = passes.first().map_or(0, |pass| pass.heights_m.len());
-    let height = |b: usize| of_pass(&|pass| pass.heights_m.get(b).map_or(f64::NAN, |h| f64::from(*h)));
-    let trajectories = (0..n_buildings).map(|b| line("", height(b), Stroke::Faint, 0)).collect();
-    [
-        chart("Loss and change over the passes", "", curves, AxesKind::Logarithmic),
-        chart("Heights of all buildings", "height, m", trajectories, AxesKind::FromZero),
-    ]
-}
-
-/// The views that had a say in most buildings first; ties by position.
+/// The views used for most buildings first; ties by position.
 fn telling_views(survey: &Survey, heights: &HeightStage) -> Vec<usize> {
     let mut says = vec![0_usize; survey.views.len()];
     for &view in heights.solution.heights.iter().flat_map(|h| &h.views) {

@@ -1,8 +1,8 @@
-//! Photos that are matched with each other, for depth or to refine roofs, and their poses: bad photos that depth would come from are
-//! named, and poses are brought to agree with photos that do not fit.
+//! Photos that are matched with each other, for depth or to refine roofs, and their poses: bad photos are reported, and poses that do
+//! not fit their photos are aligned with them.
 
-use super::{Event, PipelineError, Tell, heights};
-use crate::config::RunConfig;
+use super::settings::SurveySettings;
+use super::{Event, PipelineError, Tell};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::write_json;
 use sizeup_geo::issue::{Issue, Severity, Subject};
@@ -11,71 +11,62 @@ use sizeup_photos::align::{self, AlignError, AlignReport, AlignWhen, Aligned, Ca
 use sizeup_photos::quality;
 use sizeup_survey::{Survey, View};
 
-/// Codes of what is told here.
+/// Codes of the issues.
 const ALIGNED: &str = "poses_aligned";
 const LEFT_ALONE: &str = "pose_not_aligned";
 const POOR: &str = "poses_poorer_than_photos";
 /// Terrain is read so far around the cameras, metres: where oblique photos look.
 const AROUND_CAMERAS_M: f64 = 500.0;
-/// Finer terrain tells no more about poses, metres per cell.
+/// Finer terrain does not improve poses, metres per cell.
 const MIN_CELL_M: f64 = 5.0;
 
-/// Whether a run looks at how well its poses fit the photos.
-pub(super) fn asks(config: &RunConfig) -> bool {
-    match config.align.when {
-        AlignWhen::Auto => config.prior.matches_photos() || heights::refines_roofs(config),
-        AlignWhen::Always => true,
-        AlignWhen::Never => false,
-    }
-}
-
-/// The survey with what is told of its photos, where depth is matched from them.
-pub(super) fn looked_at(config: &RunConfig, mut survey: Survey, tell: Tell<'_>) -> Survey {
-    if config.prior.matches_photos() {
-        let told = quality::look(&survey.views, &|done, total| tell(Event::Photos { done, total }));
-        survey.issues.extend(told);
+/// Adds issues of bad photos, where depth is matched from them.
+pub(super) fn looked_at(settings: &SurveySettings<'_>, mut survey: Survey, tell: Tell<'_>) -> Survey {
+    if settings.from_photos {
+        let issues = quality::look(&survey.views, &|done, total| tell(Event::Photos { done, total }));
+        survey.issues.extend(issues);
     }
     survey
 }
 
-/// The survey with poses that fit its photos, as far as the settings want that and the photos are better than the poses.
-pub(super) fn fitted(config: &RunConfig, survey: Survey, tell: Tell<'_>) -> Result<Survey, PipelineError> {
+/// Aligns poses with their photos, where the settings want that and the photos are better than the poses.
+pub(super) fn fitted(settings: &SurveySettings<'_>, survey: Survey, tell: Tell<'_>) -> Result<Survey, PipelineError> {
     let has_photos = survey.views.iter().any(|view| view.image.is_some());
-    let is_wanted = config.align.when == AlignWhen::Always;
-    if !asks(config) || !(has_photos || is_wanted) {
+    let is_wanted = settings.align.when == AlignWhen::Always;
+    if !settings.is_aligned || !(has_photos || is_wanted) {
         return Ok(survey);
     }
-    let Some(ground) = terrain_around(&config.terrain, &config.project.crs, &survey.views)? else { return Ok(survey) };
-    let misfit_px = match align::misfit_px(&survey.views, &ground, &config.align) {
+    let Some(ground) = terrain_around(settings.terrain, settings.crs, &survey.views)? else { return Ok(survey) };
+    let misfit_px = match align::misfit_px(&survey.views, &ground, settings.align) {
         Ok(misfit_px) => misfit_px,
-        // What cannot be told needs no mending, unless somebody asks for it.
+        // Without a misfit there is nothing to align, unless the settings want it.
         Err(e) if is_wanted || e.is_usage() => return Err(e.into()),
         Err(_) => return Ok(survey),
     };
     tracing::debug!("photos lie {misfit_px:?} pixels off under the given poses");
     let is_poor = misfit_px.is_some_and(|misfit_px| misfit_px > MAX_MISFIT_PX);
     // A focal length that is off hides in the heights of points.
-    let is_calibrated = config.align.focal_sigma_percent == 0.0;
+    let is_calibrated = settings.align.focal_sigma_percent == 0.0;
     if !is_poor && !is_wanted && is_calibrated {
         return Ok(survey);
     }
     let tell_size = |done, total| tell(Event::Align { done, total });
-    let aligned = align::align(&survey.views, &ground, &config.align, misfit_px, &tell_size);
+    let aligned = align::align(&survey.views, &ground, settings.align, misfit_px, &tell_size);
     match aligned {
-        Ok(aligned) => applied(config, survey, aligned),
+        Ok(aligned) => applied(settings, survey, aligned),
         Err(e) if is_wanted => Err(e.into()),
         Err(e) => Ok(with_doubt(survey, misfit_px, &e)),
     }
 }
 
-fn applied(config: &RunConfig, survey: Survey, aligned: Aligned) -> Result<Survey, PipelineError> {
+fn applied(settings: &SurveySettings<'_>, survey: Survey, aligned: Aligned) -> Result<Survey, PipelineError> {
     let Aligned { views, report } = aligned;
-    write_json(&config.project.output.join("align.json"), &report)?;
+    write_json(&settings.folder.join("align.json"), &report)?;
     let issues = survey.issues.into_iter().chain(issues(&report)).collect();
     Ok(Survey { views, issues })
 }
 
-/// Issues of what was done, and of photos that it was not done to.
+/// Issues of the alignment, and of photos that were not aligned.
 fn issues(report: &AlignReport) -> Vec<Issue> {
     let about = || Subject::Input("survey".to_owned());
     let (before, after) = (report.before.median_px, report.after.median_px);
@@ -115,14 +106,14 @@ fn with_doubt(mut survey: Survey, misfit_px: Option<f64>, why: &AlignError) -> S
     survey
 }
 
-/// The survey with the poses that an earlier look at it came to.
+/// The survey with the aligned poses of an earlier one.
 pub(super) fn as_before(mut again: Survey, before: Survey) -> Survey {
-    let was_told = |code: &str| [ALIGNED, LEFT_ALONE, POOR].contains(&code) || quality::CODES.contains(&code);
-    again.issues.extend(before.issues.into_iter().filter(|issue| was_told(&issue.code)));
+    let is_kept = |code: &str| [ALIGNED, LEFT_ALONE, POOR].contains(&code) || quality::CODES.contains(&code);
+    again.issues.extend(before.issues.into_iter().filter(|issue| is_kept(&issue.code)));
     Survey { views: before.views, ..again }
 }
 
-/// Sentence on what was done to the poses; `None` where nothing was.
+/// Sentence on the alignment; `None` where there was none.
 pub(super) fn in_words(survey: &Survey) -> Option<String> {
     survey.issues.iter().find(|issue| [ALIGNED, POOR].contains(&issue.code.as_str())).map(|issue| issue.message.clone())
 }

@@ -7,10 +7,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde::Serialize;
 
-use super::heights::{require_matched_photos, view_inputs};
-use super::stages::SceneStage;
-use super::{FootprintStage, PipelineError, RunOptions, Stage, Tell, artefact, run};
-use crate::config::RunConfig;
+use super::heights::require_matched_photos;
+use super::scene::SceneStage;
+use super::settings::HeightSettings;
+use super::{FootprintStage, PipelineError, RunOptions, RunSettings, Stage, Tell, stages};
+use sizeup_heights::optimise::solve;
 use sizeup_heights::optimise::{Problem, Rays, first_selection};
 use sizeup_photos::prior::Priors;
 use sizeup_survey::{Survey, View};
@@ -45,20 +46,21 @@ pub struct PriorsDone {
 /// # Errors
 /// [`PipelineError`]: as a run up to the footprints, and for priors that are files or have no cache.
 pub fn compute_priors(
-    config: &RunConfig,
+    settings: &RunSettings<'_>,
     wanted: Wanted,
     start: usize,
     tell: Tell<'_>,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<PriorsDone, PipelineError> {
     let options = RunOptions { from: Stage::Survey, until: Stage::Footprints, command: String::new() };
-    run(config, &options, tell)?;
-    let survey: Survey = artefact::read_survey(config)?;
-    let mut footprints: FootprintStage = artefact::read(config, Stage::Footprints, &survey)?;
+    stages::run(settings, &options, tell, &solve)?;
+    let survey = settings.artefacts.read_survey()?;
+    let mut footprints: FootprintStage = settings.artefacts.read(Stage::Footprints, &survey)?;
+    let settings = &settings.heights;
     // As a run computes them: over the terrain as the photos correct it.
-    let stage = SceneStage::on_measured_ground(config, &survey, &mut footprints)?;
-    require_matched_photos(config, &survey)?;
-    let priors = config.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
+    let stage = SceneStage::on_measured_ground(&settings.scene, &survey, &mut footprints)?;
+    require_matched_photos(settings, &survey)?;
+    let priors = settings.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
     if !priors.has_cache() {
         return Err(PipelineError::Settings {
             table: "prior",
@@ -67,7 +69,7 @@ pub fn compute_priors(
         });
     }
     let mut views = match wanted {
-        Wanted::Selected => selected(config, &survey, &stage),
+        Wanted::Selected => selected(settings, &survey, &stage),
         Wanted::AllOblique => survey.views_for_heights().collect(),
     };
     let n = views.len();
@@ -75,8 +77,8 @@ pub fn compute_priors(
     Ok(compute(&priors, &views, progress))
 }
 
-fn selected<'a>(config: &RunConfig, survey: &'a Survey, stage: &SceneStage) -> Vec<&'a View> {
-    let views = view_inputs(config, survey, &stage.scene);
+fn selected<'a>(settings: &HeightSettings<'_>, survey: &'a Survey, stage: &SceneStage) -> Vec<&'a View> {
+    let views = settings.view_inputs(survey, &stage.scene);
     let problem = Problem {
         scene: &stage.scene,
         views: &views,
@@ -85,11 +87,11 @@ fn selected<'a>(config: &RunConfig, survey: &'a Survey, stage: &SceneStage) -> V
         load_prior: &|_| Err("no prior is asked for".to_owned()),
         green: &|_| None,
         former: None,
-        seed: config.seed,
-        rays: &Rays::new(views.len(), config.optimise.stride_px),
+        seed: settings.seed,
+        rays: &Rays::new(views.len(), settings.method.optimise.stride_px),
         progress: &|_, _, _| {},
     };
-    first_selection(&problem, &config.optimise).into_iter().map(|view| &survey.views[view]).collect()
+    first_selection(&problem, &settings.method.optimise).into_iter().map(|view| &survey.views[view]).collect()
 }
 
 fn compute(priors: &Priors, views: &[&View], progress: &(dyn Fn(usize, usize) + Sync)) -> PriorsDone {

@@ -2,9 +2,10 @@
 
 use glam::DVec2;
 
-use super::ground_told::GroundCorrection;
+use super::photo_ground::GroundCorrection;
+use super::settings::RecordSettings;
 use super::{FootprintStage, HeightStage};
-use crate::config::{FootprintPlace, RunConfig};
+use crate::config::FootprintPlace;
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::optimise::{FootprintShift, LayerShift, Reason, Roof, SolvedHeight, Terrace};
 use sizeup_heights::scene::HeightBounds;
@@ -17,14 +18,16 @@ use sizeup_survey::Survey;
 /// found; heights that are not known then come from the fallback, if one is chosen, within the bounds of heights. Party walls are
 /// those between them.
 pub(super) fn records(
-    (config, bounds): (&RunConfig, HeightBounds),
+    (settings, bounds): (&RecordSettings<'_>, HeightBounds),
     survey: &Survey,
     footprints: &FootprintStage,
     heights: &HeightStage,
     reviews: &Reviews,
 ) -> Vec<BuildingRecord> {
-    let mut records = found(survey, footprints, heights, config.optimise.height_reference);
-    for (record, correction) in records.iter_mut().zip(heights.ground.corrections(config, footprints)) {
+    let mut records = found(survey, footprints, heights, settings.height_reference);
+    for (record, correction) in
+        records.iter_mut().zip(heights.ground.corrections(settings.ground_is_model, &footprints.layer.footprints))
+    {
         if let Some(correction) = correction {
             add_ground_sigma(record, correction);
         }
@@ -33,11 +36,11 @@ pub(super) fn records(
         let found = records.iter_mut().filter(|record| record.height_m.is_some());
         found.for_each(|record| doubt(record, Reason::GroundDiffers));
     }
-    if config.output.footprints == FootprintPlace::InPhotos {
+    if settings.place == FootprintPlace::InPhotos {
         records.iter_mut().for_each(move_to_photos);
     }
     reviews.apply(&mut records);
-    fallback::fill(&mut records, &config.output.fallback, bounds);
+    fallback::fill(&mut records, settings.fallback, bounds);
     party_walls::fill(&mut records);
     records
 }
@@ -116,7 +119,7 @@ fn add_ground_sigma(record: &mut BuildingRecord, correction: GroundCorrection) {
     }
 }
 
-/// Adds a reason to look at a height again.
+/// Adds a reason to check a height.
 fn doubt(record: &mut BuildingRecord, reason: Reason) {
     let code = reason.code();
     if let Err(at) = record.reasons.binary_search_by(|known| known.as_str().cmp(code)) {

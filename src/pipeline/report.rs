@@ -3,10 +3,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use super::ground::load_terrain;
 use super::kept::PriorStore;
-use super::stages::{SceneStage, load_terrain};
+use super::scene::SceneStage;
+use super::settings::{HeightSettings, OutputSettings};
 use super::{HeightStage, PipelineError, backdrop, evidence, overview};
-use crate::config::RunConfig;
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::BuildingId;
 use sizeup_heights::optimise::{EpochRecord, LevelGain};
@@ -19,20 +20,19 @@ const BACKDROP_PX: u32 = 1400;
 
 /// Writes `report.html` beside the results.
 pub(super) fn write(
-    config: &RunConfig,
+    (settings, search): (&OutputSettings<'_>, &HeightSettings<'_>),
     model: &CityModel<'_>,
     stage: &SceneStage,
     heights: &HeightStage,
     levels: &[(BuildingId, LevelGain)],
     priors: &PriorStore,
 ) -> Result<(), PipelineError> {
-    let folder = &config.project.output;
     let implausible: Vec<String> =
         model.issues.iter().filter(|i| i.code == "result_implausible").map(|i| i.message.clone()).collect();
     let draw = || picture::warned(overview::draw(&stage.scene, &heights.solution.heights), &implausible);
-    let overview = config.output.pictures.then(draw);
+    let overview = settings.config.pictures.then(draw);
     if let Some(overview) = &overview {
-        picture::write_png(&folder.join("pictures").join("overview.png"), overview)?;
+        picture::write_png(&settings.folder.picture("overview.png"), overview)?;
     }
     let report = Report {
         model: *model,
@@ -41,13 +41,13 @@ pub(super) fn write(
         passes: heights.solution.history.iter().map(pass).collect(),
         solved: &heights.solved,
         levels: levels.iter().map(levels_of).collect(),
-        survey: survey_report(config),
-        evidence: evidence::gather(config, model.survey, stage, heights, priors),
+        survey: survey_report(settings),
+        evidence: evidence::gather(search, model.survey, stage, heights, priors),
         overview,
         backdrop: lay_photos(model, &stage.terrain, backdrop::TOWN),
-        config: config.saved().to_toml(),
+        config: settings.config_toml.clone(),
     };
-    Ok(report::write(&folder.join("report.html"), &report)?)
+    Ok(report::write(&settings.folder.join("report.html"), &report)?)
 }
 
 /// Cells of the ground in the page of a city are at least so wide, metres.
@@ -59,9 +59,8 @@ fn lay_photos(model: &CityModel<'_>, terrain: &Terrain, effort: backdrop::Effort
 
 /// The photos that may lie under the map of a city: where they change, so may its page.
 #[must_use]
-pub fn photos_for_city_report<'a>(config: &RunConfig, views: &'a [View]) -> Vec<&'a Path> {
-    let is_asked = config.output.report.page;
-    backdrop::at_hand(views).filter(|_| is_asked).filter_map(|view| view.image.as_deref()).collect()
+pub fn photos_for_city_report(views: &[View]) -> Vec<&Path> {
+    backdrop::at_hand(views).filter_map(|view| view.image.as_deref()).collect()
 }
 
 /// Writes `report.html` of a city that was made in parts: without the passes and the evidence, which stay with the parts.
@@ -70,13 +69,12 @@ pub fn photos_for_city_report<'a>(config: &RunConfig, views: &'a [View]) -> Vec<
 /// # Errors
 /// [`PipelineError`]: the terrain cannot be read, or the page not be written.
 pub fn write_city_report(
-    config: &RunConfig,
+    settings: &OutputSettings<'_>,
     folder: &Path,
     model: &CityModel<'_>,
 ) -> Result<Vec<PathBuf>, PipelineError> {
-    let mut coarse = config.clone();
-    coarse.terrain.min_cell_m = coarse.terrain.min_cell_m.max(CITY_CELL_M);
-    let terrain = load_terrain(&coarse, model.records.iter().filter_map(|r| r.footprint.as_ref()), 0.0)?.terrain;
+    let footprints = model.records.iter().filter_map(|r| r.footprint.as_ref());
+    let terrain = load_terrain(&settings.ground.coarser(CITY_CELL_M), footprints, 0.0)?.terrain;
     let asked: BTreeSet<&str> = model.records.iter().flat_map(|r| &r.views).map(String::as_str).collect();
     let kind = model.survey.kind_for_heights();
     let used = |view: &View| match view.kind() {
@@ -95,19 +93,19 @@ pub fn write_city_report(
         passes: Vec::new(),
         solved: &[],
         levels: Vec::new(),
-        survey: survey_report(config),
+        survey: survey_report(settings),
         evidence: Vec::new(),
         overview: None,
         backdrop,
-        config: config.saved().to_toml(),
+        config: settings.config_toml.clone(),
     };
     report::write(&folder.join("report.html"), &report)?;
     Ok(photos)
 }
 
 /// Report of the survey stage; a report without it is still a report.
-fn survey_report(config: &RunConfig) -> Option<SurveyReport> {
-    let text = std::fs::read(config.project.output.join("survey.json")).ok()?;
+fn survey_report(settings: &OutputSettings<'_>) -> Option<SurveyReport> {
+    let text = std::fs::read(settings.folder.join("survey.json")).ok()?;
     serde_json::from_slice(&text).ok()
 }
 

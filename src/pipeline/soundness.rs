@@ -3,40 +3,40 @@
 use std::path::Path;
 
 use super::PipelineError;
-use crate::config::RunConfig;
+use super::settings::SurveySettings;
 use sizeup_geo::files::write_json;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::Terrain;
 use sizeup_results::output::picture;
 use sizeup_survey::{Reading, Site, Survey, SurveyReport};
 
-/// Reads the survey, which tells where its terrain is needed.
-pub(super) fn read(config: &RunConfig) -> Result<Reading, PipelineError> {
-    Ok(Reading::of(&config.survey, &config.project.crs)?)
+/// Reads the survey; its views show where terrain is needed.
+pub(super) fn read(settings: &SurveySettings<'_>) -> Result<Reading, PipelineError> {
+    Ok(Reading::of(settings.config, settings.crs)?)
 }
 
 /// Looks the survey over, and writes the report and its picture beside the results.
 ///
 /// The footprints are no area of interest here: a survey of a whole city serves a run of one block.
 pub(super) fn look_over(
-    config: &RunConfig,
+    settings: &SurveySettings<'_>,
     reading: &Reading,
     ground: Option<&Terrain>,
 ) -> Result<Survey, PipelineError> {
     let mut report = reading.report(Site { terrain: ground, area: None });
     let mut survey = reading.survey().clone();
-    report.path = config.saved_path(Path::new(&report.path)).display().to_string();
+    report.path = settings.folder.saved(Path::new(&report.path)).display().to_string();
     for issue in survey.issues.iter_mut().chain(&mut report.issues) {
         if let Subject::Input(path) = &mut issue.subject {
-            *path = config.saved_path(Path::new(path)).display().to_string();
+            *path = settings.folder.saved(Path::new(path)).display().to_string();
         }
     }
-    report.accepted = !report.is_sound() && config.survey.accept_unsound && !survey.views.is_empty();
-    let path = config.project.output.join("survey.json");
+    report.accepted = !report.is_sound() && settings.config.accept_unsound && !survey.views.is_empty();
+    let path = settings.folder.join("survey.json");
     write_json(&path, &report)?;
-    if config.output.pictures {
-        let file = config.project.output.join("pictures").join("survey.png");
-        let picture = picture::survey_map(&survey, ground, &config.project.crs);
+    if settings.draws_pictures {
+        let file = settings.folder.picture("survey.png");
+        let picture = picture::survey_map(&survey, ground, settings.crs);
         picture::write_png(&file, &picture)?;
     }
     if report.is_sound() {
@@ -46,7 +46,7 @@ pub(super) fn look_over(
         return Err(PipelineError::Unsound { findings: findings(&report), cure: cure(&report), report: path });
     }
     let message = format!("the poses look wrong, and were accepted: {}", report.findings.join("; "));
-    let subject = Subject::Input(config.saved_path(&config.survey.path).display().to_string());
+    let subject = Subject::Input(settings.folder.saved(&settings.config.path).display().to_string());
     survey.issues.push(Issue::new(Severity::Warning, "survey_unsound_accepted", subject, message));
     Ok(survey)
 }

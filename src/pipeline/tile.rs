@@ -10,16 +10,15 @@ use std::path::PathBuf;
 use geo::BoundingRect as _;
 use serde::{Deserialize, Serialize};
 
-use super::footprints::{correct_ground, on_ground};
+use super::ground::{correct_ground, load_terrain, on_ground, terrain_around};
 use super::heights::HeightSearch;
+use super::issues::view_issues;
 use super::kept::PriorStore;
 use super::records::records;
-use super::settings::part_settings;
-use super::stages::{SceneStage, lineage_of, load_terrain, reviews_of, terrain_around, view_issues};
-use super::{
-    FootprintStage, Frame, GroundTold, HeightStage, PipelineError, RunOptions, Stage, Tell, artefact, ground_told,
-};
-use crate::config::RunConfig;
+use super::scene::SceneStage;
+use super::settings::{FootprintSettings, GroundSettings, HeightSettings};
+use super::stages::{self, reviews_of};
+use super::{FootprintStage, Frame, HeightStage, PhotoGround, PipelineError, RunOptions, RunSettings, Stage, Tell};
 use sizeup_footprints::{self, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint};
 use sizeup_geo::hashes::Content;
 use sizeup_geo::issue::Issue;
@@ -32,7 +31,7 @@ use sizeup_survey::Survey;
 
 /// A part of a city, ready to be solved.
 pub struct CityPart<'a> {
-    config: &'a RunConfig,
+    settings: &'a RunSettings<'a>,
     frame: Frame,
     survey: Survey,
     footprints: FootprintStage,
@@ -57,7 +56,7 @@ pub struct PartHeights {
     /// Views whose prior was used.
     pub used_views: Vec<ViewId>,
     /// Terrain by the photos in the core and close to it.
-    pub ground: GroundTold,
+    pub ground: PhotoGround,
 }
 
 /// Path at which the footprints of a whole city are kept for its parts, if they were found in photos; in the folder of the results.
@@ -68,18 +67,18 @@ const FOUND_FOOTPRINTS: &str = "tiles/footprints.gpkg";
 ///
 /// # Errors
 /// [`PipelineError::Settings`] for roof contours that move with the heights.
-pub fn layer_of(config: &RunConfig) -> Result<Cow<'_, FootprintConfig>, PipelineError> {
-    if let FootprintSource::Layer(layer) = &config.footprints {
+pub fn layer_of<'a>(settings: &FootprintSettings<'a>) -> Result<Cow<'a, FootprintConfig>, PipelineError> {
+    if let FootprintSource::Layer(layer) = settings.source {
         return Ok(Cow::Borrowed(layer));
     }
-    if config.footprints.roof_rounds() > 0 {
+    if settings.source.roof_rounds() > 0 {
         return Err(PipelineError::Settings {
             table: "footprints",
             message: "footprints of roofs move with the heights, which tiles find one by one".to_owned(),
             hint: "set footprints.roof_rounds = 0: roofs are then laid where the photos' footprints fit best",
         });
     }
-    Ok(Cow::Owned(sizeup_footprints::plain_config(config.project.output.join(FOUND_FOOTPRINTS))))
+    Ok(Cow::Owned(sizeup_footprints::plain_config(settings.folder.join(FOUND_FOOTPRINTS))))
 }
 
 /// Finds the footprints of a whole city in its photos, once for all of its parts; returns what was refused, and issues, without
@@ -88,19 +87,20 @@ pub fn layer_of(config: &RunConfig) -> Result<Cow<'_, FootprintConfig>, Pipeline
 /// # Errors
 /// [`PipelineError`], as a run of the stage.
 pub fn find_footprints(
-    config: &RunConfig,
+    run: &RunSettings<'_>,
     command: &str,
     tell: Tell<'_>,
 ) -> Result<Option<FootprintLayer>, PipelineError> {
-    if matches!(config.footprints, FootprintSource::Layer(_)) {
+    let settings = &run.footprints;
+    if matches!(settings.source, FootprintSource::Layer(_)) {
         return Ok(None);
     }
     let options = RunOptions { from: Stage::Footprints, until: Stage::Footprints, command: command.to_owned() };
-    super::run(config, &options, tell)?;
-    let FootprintStage { mut layer, .. } = artefact::read(config, Stage::Footprints, &survey_of(config)?)?;
-    layer_of(config)?; // refuses what cannot be in tiles
-    let path = config.project.output.join(FOUND_FOOTPRINTS);
-    sizeup_footprints::write_plain(&path, &layer, &config.project.crs)?;
+    stages::run(run, &options, tell, &solve)?;
+    let FootprintStage { mut layer, .. } = run.artefacts.read(Stage::Footprints, &run.survey()?)?;
+    layer_of(settings)?; // refuses what cannot be in tiles
+    let path = settings.folder.join(FOUND_FOOTPRINTS);
+    sizeup_footprints::write_plain(&path, &layer, settings.ground.crs)?;
     layer.footprints.clear();
     Ok(Some(layer))
 }
@@ -111,12 +111,12 @@ pub fn find_footprints(
 /// # Errors
 /// [`PipelineError`] where the layer or the terrain cannot be read.
 pub fn footprints_around(
-    config: &RunConfig,
+    settings: &FootprintSettings<'_>,
     area: MapBox,
     renamed: &BTreeMap<u64, String>,
 ) -> Result<FootprintStage, PipelineError> {
-    let mut layer = LayerParts::open(&*layer_of(config)?, &config.project.crs)?.around(area, renamed)?;
-    if !matches!(config.footprints, FootprintSource::Layer(_)) {
+    let mut layer = LayerParts::open(&*layer_of(settings)?, settings.ground.crs)?.around(area, renamed)?;
+    if !matches!(settings.source, FootprintSource::Layer(_)) {
         sizeup_footprints::unpack(&mut layer.footprints);
     }
     if layer.footprints.is_empty() {
@@ -127,8 +127,8 @@ pub fn footprints_around(
     layer.footprints.sort_by(|a, b| a.id.cmp(&b.id));
     layer.footprints.iter_mut().for_each(|footprint| footprint.attributes.sort_keys());
     layer.issues.sort_by(|a, b| (&a.subject, &a.code, &a.message).cmp(&(&b.subject, &b.code, &b.message)));
-    let terrain = load_terrain(config, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
-    Ok(on_ground(config, layer, &terrain))
+    let terrain = load_terrain(&settings.ground, layer.footprints.iter().map(|f| &f.polygon), 0.0)?;
+    Ok(on_ground(&settings.ground, layer, &terrain))
 }
 
 /// Hashes of what a part reads of the files that all parts share.
@@ -148,13 +148,13 @@ impl PartHashes {
     /// # Errors
     /// [`PipelineError`] where the terrain cannot be read.
     pub fn of(
-        config: &RunConfig,
+        settings: &GroundSettings<'_>,
         frame: &Frame,
         footprints: &FootprintStage,
         reviews: &Reviews,
     ) -> Result<Self, PipelineError> {
         let has_ground = footprints.ground.iter().any(Option::is_some);
-        let terrain = has_ground.then(|| terrain_around(config, frame, footprints)).transpose()?;
+        let terrain = has_ground.then(|| terrain_around(settings, frame, footprints)).transpose()?;
         Ok(Self::over(footprints, terrain.as_ref(), &about(footprints, reviews)))
     }
 
@@ -188,35 +188,27 @@ fn content_of(terrain: &Terrain) -> Content {
     Content::of_bytes(&bytes)
 }
 
-/// The survey that an earlier run of its stage left behind.
-///
-/// # Errors
-/// [`PipelineError::Artefact`].
-pub fn survey_of(config: &RunConfig) -> Result<Survey, PipelineError> {
-    artefact::read_survey(config)
-}
-
 /// Buildings without a usable footprint, as they are written.
 #[must_use]
-pub fn refused_records(config: &RunConfig, refused: Vec<RefusedFootprint>) -> Vec<BuildingRecord> {
+pub fn refused_records(run: &RunSettings<'_>, refused: Vec<RefusedFootprint>) -> Vec<BuildingRecord> {
     let layer = FootprintLayer { refused, ..FootprintLayer::default() };
     let footprints = FootprintStage::of_layer(layer, Vec::new(), Vec::new());
     let heights = HeightStage::empty();
     // Without a ground none of them takes a height.
-    let bounds = config.heights.bounds(0.0);
-    records((config, bounds), &Survey::default(), &footprints, &heights, &Reviews::default())
+    let bounds = run.footprints.heights.bounds(0.0);
+    records((&run.records, bounds), &Survey::default(), &footprints, &heights, &Reviews::default())
 }
 
 /// Priors of a part's views over a terrain.
 fn priors_over(
     terrain: &Terrain,
-    (config, frame): (&RunConfig, &Frame),
+    (settings, frame): (&HeightSettings<'_>, &Frame),
     survey: &Survey,
     positions: &HashMap<ViewId, usize>,
 ) -> Result<PriorStore, PipelineError> {
-    let mut priors = config.prior.open(&survey.views, terrain, frame.bounds.max_m)?;
+    let mut priors = settings.prior.open(&survey.views, terrain, frame.bounds.max_m)?;
     priors.set_positions(positions.clone());
-    Ok(PriorStore::forgetful(config, priors, survey))
+    Ok(PriorStore::forgetful(settings, priors, survey))
 }
 
 impl<'a> CityPart<'a> {
@@ -226,16 +218,17 @@ impl<'a> CityPart<'a> {
     /// # Errors
     /// [`PipelineError`] where terrain or decisions cannot be read, or the priors' settings cannot work.
     pub fn new(
-        config: &'a RunConfig,
+        settings: &'a RunSettings<'a>,
         frame: Frame,
         survey: Survey,
         positions: HashMap<ViewId, usize>,
         footprints: FootprintStage,
     ) -> Result<Self, PipelineError> {
         let has_ground = footprints.ground.iter().any(Option::is_some);
-        let scene = has_ground.then(|| SceneStage::in_frame(config, &frame, &footprints)).transpose()?;
+        let scene =
+            has_ground.then(|| SceneStage::in_frame(&settings.footprints.ground, &frame, &footprints)).transpose()?;
         let terrain = scene.as_ref().map_or(&Terrain::Constant(0.0), |scene| &scene.terrain);
-        let priors = priors_over(terrain, (config, &frame), &survey, &positions)?;
+        let priors = priors_over(terrain, (&settings.heights, &frame), &survey, &positions)?;
         let ids = footprints.layer.footprints.iter().map(|f| f.id.0.clone());
         let mut by_id: HashMap<String, usize> = ids.zip(0..).collect();
         // A building that the layer has twice belongs where the one is that is measured.
@@ -243,8 +236,8 @@ impl<'a> CityPart<'a> {
             let first = refused.duplicate_of.as_ref().and_then(|first| by_id.get(&first.0).copied());
             by_id.extend(first.map(|at| (refused.id.0.clone(), at)));
         }
-        let reviews = about(&footprints, &reviews_of(config)?);
-        Ok(Self { config, frame, survey, footprints, scene, priors, positions, by_id, reviews })
+        let reviews = about(&footprints, &reviews_of(settings.reviews)?);
+        Ok(Self { settings, frame, survey, footprints, scene, priors, positions, by_id, reviews })
     }
 
     /// The frame it lies in.
@@ -274,7 +267,7 @@ impl<'a> CityPart<'a> {
     /// Files that the priors of some of its views are made from, each once, sorted.
     ///
     /// # Errors
-    /// [`PipelineError`] where a file name asks for what a view does not have.
+    /// [`PipelineError`] where a file name has a placeholder that a view does not fill.
     pub fn prior_files(&self, is_wanted: impl Fn(&ViewId) -> bool) -> Result<BTreeSet<PathBuf>, PipelineError> {
         let views = self.survey.views.iter().filter(|view| is_wanted(&view.id));
         let files: Result<Vec<_>, _> = views.map(|view| self.priors.source().file_of(view)).collect();
@@ -282,22 +275,29 @@ impl<'a> CityPart<'a> {
     }
 
     /// Finds the heights; those of its core are the part's. A part that no view sees, or without usable priors, is solved all
-    /// the same: its buildings are unknown. What the photos say of the terrain is told of the whole city, not here.
+    /// the same: its buildings are unknown. Ground in the photos is reported for the whole city, not here.
     ///
     /// # Errors
     /// [`PipelineError`] where the terrain cannot be read again after footprints were split.
     pub fn solve(&self, core: &MapBox, tell: Tell<'_>) -> Result<PartHeights, PipelineError> {
         // What is measured of a layer as a whole is not measured tile by tile: neighbours would come apart.
-        let search = HeightSearch::within_a_city(self.config, &self.survey, tell, &solve);
-        let mut footprints = self.footprints.clone();
+        let search = HeightSearch::within_a_city(&self.settings.heights, &self.survey, tell, &solve);
+        let (mut footprints, ground) = (self.footprints.clone(), &self.settings.footprints.ground);
         let heights = match &self.scene {
             Some(given) => {
-                let told = ground_told::look(self.config, &self.survey, &footprints, given, Some(*core));
-                correct_ground(self.config, &mut footprints, told)?;
-                let mut scene = SceneStage::in_frame(self.config, &self.frame, &footprints)?;
+                let photo_ground = given.ground_in_photos(ground, &self.survey, &footprints, Some(*core));
+                correct_ground(ground, &mut footprints, photo_ground)?;
+                let mut scene = SceneStage::in_frame(ground, &self.frame, &footprints)?;
                 // Computed priors depend on the terrain.
                 let priors = (scene.terrain != given.terrain)
-                    .then(|| priors_over(&scene.terrain, (self.config, &self.frame), &self.survey, &self.positions))
+                    .then(|| {
+                        priors_over(
+                            &scene.terrain,
+                            (&self.settings.heights, &self.frame),
+                            &self.survey,
+                            &self.positions,
+                        )
+                    })
                     .transpose()?;
                 search.in_parts(&mut footprints, &mut scene, priors.as_ref().unwrap_or(&self.priors))
             }
@@ -307,7 +307,13 @@ impl<'a> CityPart<'a> {
         issues.extend(footprints.issues.iter().cloned());
         issues.extend(view_issues(&self.survey, &heights));
         Ok(PartHeights {
-            records: records((self.config, self.frame.bounds), &self.survey, &footprints, &heights, &self.reviews),
+            records: records(
+                (&self.settings.records, self.frame.bounds),
+                &self.survey,
+                &footprints,
+                &heights,
+                &self.reviews,
+            ),
             issues,
             used_views: heights.solution.used_views.iter().map(|&v| self.survey.views[v].id.clone()).collect(),
             ground: heights.ground.around(core),
@@ -325,7 +331,8 @@ impl<'a> CityPart<'a> {
     /// The origin of its results, made from some files by the settings that concern it.
     #[must_use]
     pub fn lineage(&self, command: &str, inputs: Vec<InputFile>) -> Lineage {
-        let settings = part_settings(self.config).to_string();
-        Lineage { config_sha256: sha256_hex(settings.as_bytes()), ..lineage_of(self.config, command, inputs) }
+        let settings = self.settings.of_part().to_string();
+        let whole = self.settings.origin.lineage(command, inputs);
+        Lineage { config_sha256: sha256_hex(settings.as_bytes()), ..whole }
     }
 }

@@ -21,10 +21,11 @@ pub(super) fn worst(records: &[BuildingRecord], issues: &[Issue]) -> Option<Stri
         let grave = issues.iter().filter(|issue| issue.severity >= Severity::Warning);
         grave.min_by_key(|issue| issue.weight())
     };
-    cause.map(told).or_else(|| not_measured(records)).or_else(|| gravest().map(told))
+    cause.map(sentence).or_else(|| not_measured(records)).or_else(|| gravest().map(sentence))
 }
 
-fn told(issue: &Issue) -> String {
+/// The issue as a sentence.
+fn sentence(issue: &Issue) -> String {
     match &issue.subject {
         Subject::View(id) | Subject::Building(id) => format!("{id}: {}", issue.message),
         Subject::Input(_) => issue.message.clone(),

@@ -1,6 +1,6 @@
-//! The last try to run a tile: laid down when it starts, told how it ended, and taken away when the tile is done.
+//! The last try to run a tile: written when it starts and when it fails, and removed when the tile is done.
 //!
-//! A try that is killed (memory, a time limit, a node) cannot tell: what was laid down at its start then says so.
+//! A try that is killed (memory, a time limit, a node) leaves the file that it wrote at its start.
 
 use std::path::Path;
 
@@ -24,7 +24,7 @@ pub struct Attempt {
     pub cause: String,
 }
 
-/// Message on a try that could not tell.
+/// Message on a try that was killed.
 const KILLED: &str = "it was started and has not come to its end: killed, for memory or a time limit?";
 
 impl Attempt {
@@ -42,11 +42,11 @@ impl Attempt {
         Ok(attempt)
     }
 
-    /// Tells why it failed.
+    /// Records why it failed.
     pub(super) fn fail(mut self, layout: &Layout, error: &TilesError) {
         self.exit_code = Some(error.exit_code());
         self.cause = error.to_string();
-        // The error itself is told by the caller; a disk that is full takes no second one.
+        // The caller reports the error itself; a full disk takes no second one.
         let _ = write_json(&layout.attempt(&self.tile), &self);
     }
 

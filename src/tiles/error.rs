@@ -40,7 +40,7 @@ pub enum TilesError {
     /// A name that the plan does not have.
     #[error("the plan has no tile {id:?}\nhint: `sizeup tiles status` lists the tiles")]
     NoSuchTile {
-        /// Id that was asked for.
+        /// Id that was wanted.
         id: String,
     },
     /// Input of a plan or a tile that has changed.
@@ -50,7 +50,7 @@ pub enum TilesError {
         what: String,
         /// The change since then, in words.
         why: String,
-        /// Advice to the user: what to change or to look at.
+        /// Advice: what to change or to check.
         hint: &'static str,
     },
     /// Something that a tile reads changed while it was run.

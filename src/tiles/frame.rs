@@ -13,13 +13,13 @@ const ORIGIN_LEEWAY_M: [f64; 3] = [2000.0, 2000.0, 300.0];
 /// How much smaller or larger the settled halo and greatest height may be than those that would be chosen now: the greatest
 /// height that is chosen is 0.8 of the lowest flight, and a quarter more just reaches it.
 const LEEWAY: f64 = 1.25;
-/// The same for the side of the grid's largest squares, one step, and for the places where the ground is looked at.
+/// The same for the side of the grid's largest squares, one step, and for the places where the photos are searched for ground.
 const SIDE_LEEWAY: f64 = 2.0;
 
 /// Frame settled for a city.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CityFrame {
-    /// Request that it was settled for: it is settled anew where the user asks for something else.
+    /// Settings that it was settled for: other settings settle it anew.
     pub asked: serde_json::Value,
     /// Origin of the local frame, map frame, metres.
     pub origin_m: [f64; 3],
@@ -31,7 +31,7 @@ pub struct CityFrame {
     pub view_margin_m: f64,
     /// Side of the grid's largest squares, metres.
     pub side_m: f64,
-    /// From one place where the ground is looked at in the photos to the next, metres.
+    /// Distance between the places where the photos are searched for ground, metres.
     pub ground_spacing_m: f64,
 }
 

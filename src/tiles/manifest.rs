@@ -34,7 +34,7 @@ pub struct Manifest {
     pub origin_m: [f64; 3],
     /// Least and greatest height that is looked for, metres.
     pub heights_m: [f32; 2],
-    /// From one place where the ground is looked at in the photos to the next, metres.
+    /// Distance between the places where the photos are searched for ground, metres.
     pub ground_spacing_m: f64,
     /// Width of the halo, metres.
     pub halo_m: f64,
@@ -81,7 +81,7 @@ pub struct Tile {
     pub n_buildings: usize,
     /// Buildings of core and halo.
     pub n_solved: usize,
-    /// Views that look at the core or close to it.
+    /// Views that show the core or its surroundings.
     pub n_views: usize,
     /// Estimate of the memory it needs, megabytes.
     pub memory_mb: u64,
@@ -101,7 +101,7 @@ pub struct TileViews {
     pub positions: Vec<usize>,
     /// Files that their priors are made from, sorted.
     pub priors: BTreeSet<PathBuf>,
-    /// Photos that roofs and ground may be told by, sorted.
+    /// Photos that are read for roofs and ground, sorted.
     pub photos: BTreeSet<PathBuf>,
 }
 

@@ -24,9 +24,9 @@ const PER_CELL: f64 = 12.0;
 const PER_PRIOR_PIXEL: f64 = 16.0;
 /// Breadth of a typical footprint as rays meet it, metres.
 const BREADTH_M: f64 = 20.0;
-/// Pixels of the prior that is assumed where none can be looked at.
+/// Pixels of the prior that is assumed where none can be read.
 const PRIOR_PIXELS: f64 = 1024.0 * 1024.0;
-/// Factor of the estimate: engines kill what needs more than it asked for.
+/// Factor of the estimate: engines kill a process that needs more than it reserved.
 const SAFETY: f64 = 1.3;
 
 /// Content of a tile.

@@ -17,7 +17,8 @@ use super::stale::{StaleCheck, Trust, known};
 use super::status::TileState;
 use super::{Lock, TilesError};
 use crate::pipeline::{
-    GroundTold, lineage_of, refused_records, reviews_of, unstated_reference, write_city_report, write_project,
+    OutputSettings, PhotoGround, RunSettings, refused_records, reviews_of, unstated_reference, write_city_report,
+    write_project,
 };
 use crate::recipe::Recipe;
 use sizeup_geo::files::{FileError, is_virtual};
@@ -124,7 +125,7 @@ pub fn merge(layout: &Layout, options: &MergeOptions, wait: &dyn Fn(&str)) -> Re
     sweep_litter(layout.folder());
     let names = ["plan", "city"].into_iter().chain(manifest.tiles.iter().map(|tile| tile.id.as_str()));
     let hashes = known(layout, options.trust, names);
-    let check = StaleCheck { layout, manifest: &manifest, hashes: &hashes };
+    let check = StaleCheck::new(layout, &manifest, &hashes);
     if let Some(why) = check.plan() {
         return Err(TilesError::Stale { what: "the plan".to_owned(), why, hint: PLAN_AGAIN });
     }
@@ -185,25 +186,26 @@ struct JoinedCity<'a> {
 impl JoinedCity<'_> {
     fn write(self, tileset: Tileset, made_by: Recipe) -> Result<Merged, TilesError> {
         let (config, folder) = (&self.manifest.config, self.layout.folder());
+        let settings = RunSettings::of(config);
         let common: Common = read_json(&self.layout.common())?;
         let mut issues = self.issues(common.issues)?;
         let survey = Survey { views: common.views, issues: Vec::new() };
-        let records = TileRecords { files: self.files(BUILDINGS), rest: refused_records(config, common.refused) };
+        let records = TileRecords { files: self.files(BUILDINGS), rest: refused_records(&settings, common.refused) };
         let (count, doubts, median_height_m) = count(&records)?;
         let implausible = doubts.implausible();
         let told: Vec<String> = implausible.iter().map(|issue| issue.message.clone()).collect();
         issues.extend(implausible);
-        issues.extend(reviews_of(config)?.unmatched(&records)?);
+        issues.extend(reviews_of(settings.reviews)?.unmatched(&records)?);
         issues.sort_by_key(Issue::weight);
-        let lineage = self.lineage()?;
+        let lineage = self.lineage(&settings)?;
         let crs = &config.project.crs;
         let model = CityModel { records: &records, crs, lineage: &lineage, issues: &issues, survey: &survey };
         let gpkg = &config.output.geopackage;
         let overview = geopackage::write_divided(&folder.join(GEOPACKAGE), &model, gpkg, &self.areas())?;
-        write_project(config, folder, GEOPACKAGE, &model)?;
+        write_project(&settings.output, folder, GEOPACKAGE, &model)?;
         cityjson::write_sequence(&folder.join(SEQUENCE), &model, &config.output.cityjson)?;
         let no_tileset = write_tileset(&folder.join(TILESET), &model, tileset)?;
-        let photos = self.write_page(&model, count.n_buildings())?;
+        let photos = self.write_page(&settings.output, &model, count.n_buildings())?;
         write_issues(&folder.join("issues.json"), &issues)?;
         write_json(&folder.join("lineage.json"), &lineage)?;
         let seams = seams::compare(&records.files, &self.files(HALO))?;
@@ -246,11 +248,16 @@ impl JoinedCity<'_> {
         })
     }
 
-    /// The page, unless there are too many buildings for one, none, or it is not asked for; the photos under its map.
-    fn write_page(&self, model: &CityModel<'_, TileRecords>, n_buildings: usize) -> Result<Option<Hashed>, TilesError> {
-        let (config, folder) = (&self.manifest.config, self.layout.folder());
+    /// Writes the page, unless there are too many buildings or none, or no page is wanted; returns the photos under its map.
+    fn write_page(
+        &self,
+        settings: &OutputSettings<'_>,
+        model: &CityModel<'_, TileRecords>,
+        n_buildings: usize,
+    ) -> Result<Option<Hashed>, TilesError> {
+        let folder = self.layout.folder();
         let mut records = Vec::new();
-        if config.output.report.page && n_buildings <= MAX_PAGE_BUILDINGS {
+        if settings.config.report.page && n_buildings <= MAX_PAGE_BUILDINGS {
             model.records.visit(&mut |record| {
                 records.push(record.clone());
                 Ok(())
@@ -262,7 +269,7 @@ impl JoinedCity<'_> {
         }
         let CityModel { crs, lineage, issues, survey, .. } = *model;
         let model = CityModel { records: records.as_slice(), crs, lineage, issues, survey };
-        let photos = write_city_report(config, folder, &model)?;
+        let photos = write_city_report(settings, folder, &model)?;
         // One on a server is not read a second time: as elsewhere, it is known by its name.
         let here = photos.iter().filter(|photo| !is_virtual(photo));
         let hash = |photo: &PathBuf| hash_of(photo).map(|sha256| (photo.display().to_string(), sha256));
@@ -281,7 +288,7 @@ impl JoinedCity<'_> {
             let of_tile: Vec<Issue> = read_json(&path)?;
             issues.extend(of_tile.into_iter().filter(|issue| known.insert(json!(issue).to_string())));
         }
-        // Photos tell the ground of the city; without them tiles tell its level by depth, each its own, and one is enough.
+        // Photos show the ground of the city; without them each tile estimates its level by depth, and one issue is enough.
         let is_level = |issue: &Issue| ["terrain_too_high", "terrain_too_low"].contains(&&*issue.code);
         let ground = self.ground()?.issue();
         let mut n_kept = usize::from(ground.is_some());
@@ -289,7 +296,7 @@ impl JoinedCity<'_> {
             n_kept += usize::from(is_level(issue));
             !is_level(issue) || n_kept == 1
         });
-        issues.extend(unstated_reference(&self.manifest.config));
+        issues.extend(unstated_reference(&self.manifest.config.project));
         issues.extend(ground);
         issues.extend(self.missing.iter().map(|id| {
             let message = "the tile is not done: its buildings are missing";
@@ -300,17 +307,17 @@ impl JoinedCity<'_> {
     }
 
     /// Terrain by the photos of all tiles.
-    fn ground(&self) -> Result<GroundTold, TilesError> {
+    fn ground(&self) -> Result<PhotoGround, TilesError> {
         let of_tile = |done: &&Done| -> Result<_, TilesError> {
             let core = self.manifest.tile(&done.tile)?.core;
-            Ok((core, read_json::<GroundTold>(&self.layout.tile(&done.tile).join(GROUND))?))
+            Ok((core, read_json::<PhotoGround>(&self.layout.tile(&done.tile).join(GROUND))?))
         };
-        let parts: Vec<(MapBox, GroundTold)> = self.done.iter().map(of_tile).collect::<Result<_, _>>()?;
-        Ok(GroundTold::of_parts(parts))
+        let parts: Vec<(MapBox, PhotoGround)> = self.done.iter().map(of_tile).collect::<Result<_, _>>()?;
+        Ok(PhotoGround::of_parts(parts))
     }
 
-    /// The whole files that the plan was made from, of which each tile read its part, and the priors of all tiles.
-    fn lineage(&self) -> Result<Lineage, TilesError> {
+    /// The files that the plan was made from, and the priors of all tiles.
+    fn lineage(&self, settings: &RunSettings<'_>) -> Result<Lineage, TilesError> {
         let mut inputs: BTreeSet<InputFile> = self.manifest.inputs.iter().cloned().collect();
         for path in self.files(LINEAGE) {
             let of_tile: Lineage = read_json(&path)?;
@@ -318,7 +325,7 @@ impl JoinedCity<'_> {
             let is_whole = |file: &InputFile| !parts.contains(&file.role.as_str());
             inputs.extend(of_tile.inputs.into_iter().filter(is_whole));
         }
-        Ok(lineage_of(&self.manifest.config, "sizeup tiles merge", inputs.into_iter().collect()))
+        Ok(settings.origin.lineage("sizeup tiles merge", inputs.into_iter().collect()))
     }
 
     fn areas(&self) -> Vec<TileArea> {

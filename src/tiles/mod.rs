@@ -7,10 +7,10 @@
 //! ```
 //!
 //! A building belongs to the tile whose core holds the middle of its footprint (west and south edge belong to the core).
-//! Around the core lies a halo, whose buildings are solved too, because they stand in the way of rays and are what
+//! Around the core lies a halo, whose buildings are solved too, because they block rays and are what
 //! priors are brought to metres by; only the core's are written. What is done is decided by hashes of contents: the plan,
 //! each tile and the merge keep the recipe that they were made by, and are stale where the recipe of now is another one.
-//! Times of files only tell whether a hash that is known need be taken again.
+//! Times of files only decide whether a known hash is computed again.
 
 mod attempt;
 mod error;

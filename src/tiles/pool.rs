@@ -11,7 +11,7 @@ use super::run::write_log;
 use super::{TilesError, Trust};
 use sizeup_geo::files::FileError;
 
-/// Between two looks at the processes.
+/// Between two checks of the processes.
 const POLL: Duration = Duration::from_millis(50);
 /// Memory that is left to the system and everybody else, as a share of what is free.
 const LEFT_FREE: f64 = 0.1;
@@ -57,7 +57,7 @@ struct Running<'a> {
 }
 
 /// Runs all tiles of a plan; those that are done say so at once. A tile that fails does not stop the others. `progress`
-/// is told how many are finished, and how many there are.
+/// takes how many are finished, and how many there are.
 ///
 /// # Errors
 /// [`TilesError::TooLarge`] before anything is started, where a tile does not fit into the memory at all;
@@ -90,7 +90,7 @@ pub fn run_all(
         std::thread::sleep(POLL);
         let mut still = Vec::new();
         for mut one in running {
-            // A child that cannot be asked counts as ended by a signal.
+            // A child whose state is unknown counts as ended by a signal.
             match one.child.try_wait().map_or(Some(None), |ended| ended.map(|status| status.code())) {
                 None => still.push(one),
                 Some(Some(code @ (0 | 5))) => {
@@ -149,7 +149,7 @@ fn stop(running: Vec<Running<'_>>) {
     }
 }
 
-/// Memory that tiles may use, megabytes: what is free now, less some for others; `None` where the system does not tell.
+/// Memory that tiles may use, megabytes: what is free now, less some for others; `None` where the system does not report it.
 #[must_use]
 pub fn available_memory_mb() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;

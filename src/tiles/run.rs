@@ -10,7 +10,7 @@ use super::attempt::{Attempt, remove_if_there};
 use super::manifest::{Done, Layout, Tile, TileViews, hash_of, sweep_litter};
 use super::stale::{StaleCheck, Trust, known};
 use super::{Lock, TilesError};
-use crate::pipeline::{CityPart, PartHeights, Tell, footprints_around, layer_of};
+use crate::pipeline::{CityPart, PartHeights, RunSettings, Tell, footprints_around, layer_of};
 use crate::recipe::{Recipe, program};
 use sizeup_geo::files::{FileError, write_whole, write_whole_unflushed};
 use sizeup_geo::issue::{Severity, Subject};
@@ -46,9 +46,9 @@ pub(super) const PART_OF_REVIEWS: &str = "reviews, the tile's part";
 pub(super) struct Cost {
     /// Time from start to end, seconds.
     pub seconds: f64,
-    /// Time of all threads, where the system tells.
+    /// Time of all threads, where the system reports it.
     pub processor_seconds: Option<f64>,
-    /// The most memory that it held, megabytes, where the system tells.
+    /// The most memory that it held, megabytes, where the system reports it.
     pub peak_mb: Option<u64>,
     /// Estimate of the plan.
     pub estimate_mb: u64,
@@ -86,8 +86,8 @@ pub(super) struct HaloHeight {
     pub distance_m: f64,
 }
 
-/// Runs a tile, unless it is done with the same input. One runner at a time: a second one waits (`wait` is told for
-/// whom) and finds it done.
+/// Runs a tile, unless it is done with the same input. One runner at a time: a second one waits (`wait` takes the
+/// name of the first) and finds it done.
 ///
 /// # Errors
 /// [`TilesError`]: a plan that does not fit, input that cannot be read or has changed since the plan, files that cannot be
@@ -105,7 +105,7 @@ pub fn run_tile(
     let _lock = Lock::take(&layout.lock(id), wait)?;
     sweep_litter(&layout.tile(id));
     let hashes = known(layout, trust, ["plan", id].into_iter());
-    let check = StaleCheck { layout, manifest: &manifest, hashes: &hashes };
+    let check = StaleCheck::new(layout, &manifest, &hashes);
     let views = check.views(tile)?;
     if manifest.made_by.program() != program() {
         let why = format!("made by sizeup {}, this is {}", manifest.made_by.program(), program());
@@ -143,7 +143,8 @@ fn run_anew(
     tell: Tell<'_>,
 ) -> Result<Done, TilesError> {
     let (start, layout, manifest) = (Instant::now(), check.layout, check.manifest);
-    let part = part_of(check, tile, views.clone())?;
+    let settings = RunSettings::of(&manifest.config);
+    let part = part_of(check, &settings, tile, views.clone())?;
     // From here on its files are being replaced: the old word no longer holds.
     let path = layout.done(&tile.id);
     remove_if_there(&path)?;
@@ -166,12 +167,17 @@ fn run_anew(
     Ok(done)
 }
 
-fn part_of<'a>(check: &StaleCheck<'a>, tile: &Tile, views: TileViews) -> Result<CityPart<'a>, TilesError> {
+fn part_of<'a>(
+    check: &StaleCheck<'_>,
+    settings: &'a RunSettings<'a>,
+    tile: &Tile,
+    views: TileViews,
+) -> Result<CityPart<'a>, TilesError> {
     let manifest = check.manifest;
     let positions = views.positions_by_name();
     let survey = Survey { views: views.views, issues: Vec::new() };
-    let footprints = footprints_around(&manifest.config, tile.halo, &manifest.renamed)?;
-    let part = CityPart::new(&manifest.config, manifest.frame(), survey, positions, footprints)?;
+    let footprints = footprints_around(&settings.footprints, tile.halo, &manifest.renamed)?;
+    let part = CityPart::new(settings, manifest.frame(), survey, positions, footprints)?;
     if part.hashes() != tile.reads {
         let own =
             || format!("the footprints, the terrain or the reviews of tile {} are not those of the plan", tile.id);
@@ -190,7 +196,7 @@ fn inputs_of(
     used: &HashSet<&ViewId>,
 ) -> Result<Vec<InputFile>, TilesError> {
     let config = &check.manifest.config;
-    let footprints = layer_of(config)?.path.clone();
+    let footprints = layer_of(&RunSettings::of(config).footprints)?.path.clone();
     let terrain = config.terrain.dtm.iter().zip(&tile.reads.terrain);
     let reviews = config.reviews.iter().zip(&tile.reads.reviews);
     let parts = std::iter::once((PART_OF_FOOTPRINTS, footprints, tile.reads.footprints.clone()))
@@ -275,7 +281,7 @@ fn write_lines<T: Serialize>(path: &Path, lines: impl Iterator<Item = T>) -> Res
     })
 }
 
-/// The most memory that this process has held, megabytes, where the system tells.
+/// The most memory that this process has held, megabytes, where the system reports it.
 fn peak_mb() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
@@ -283,7 +289,7 @@ fn peak_mb() -> Option<u64> {
     Some(kilobytes.div_ceil(1000))
 }
 
-/// Processor time of this process and its threads, seconds, where the system tells.
+/// Processor time of this process and its threads, seconds, where the system reports it.
 fn processor_seconds() -> Option<f64> {
     /// Ticks of a second in `/proc`, on every Linux in use.
     const TICKS: f64 = 100.0;

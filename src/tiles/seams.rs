@@ -10,7 +10,7 @@ use super::run::HaloHeight;
 use sizeup_heights::stats;
 use sizeup_results::output::{BuildingRecord, OutputError};
 
-/// Distances from the core that are told apart, metres. Far out a halo has fewer of its views, and is not written.
+/// Bounds of the classes of distance from the core, metres. Far out a halo has fewer of its views, and is not written.
 const CLASSES_M: [f64; 5] = [25.0, 50.0, 100.0, 200.0, f64::INFINITY];
 /// Heights that differ by less than this are the same in files, metres.
 const SAME_M: f64 = 0.0005;

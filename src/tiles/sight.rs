@@ -1,4 +1,4 @@
-//! Which views look at a tile, and how far they see.
+//! Views that show a tile, and how far they see.
 
 use geo::{ConvexHull as _, Intersects as _};
 use geo_types::{Coord, MultiPoint, Point, Polygon, Rect};

@@ -4,12 +4,14 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use serde_json::Value;
+
 use super::TilesError;
 use super::attempt::Attempt;
 use super::manifest::{Common, Done, Layout, Manifest, Tile, TileViews, Tileset, fault_of, read_json};
 use super::merge::Merged;
 use super::status::{TileState, TileStatus};
-use crate::pipeline::{files_of, part_settings, photos_for_city_report};
+use crate::pipeline::{RunSettings, files_of, photos_for_city_report};
 use crate::recipe::{ABSENT, Recipe};
 use crate::tiles::Lock;
 use sizeup_geo::files::FileError;
@@ -32,6 +34,8 @@ pub struct StaleCheck<'a> {
     pub layout: &'a Layout,
     pub manifest: &'a Manifest,
     pub hashes: &'a Hashes,
+    /// Settings that decide the result of a tile.
+    of_part: Value,
 }
 
 /// Knowledge of files, from some lists that earlier processes left behind.
@@ -43,7 +47,12 @@ pub fn known<'a>(layout: &Layout, trust: Trust, of: impl Iterator<Item = &'a str
     hashes
 }
 
-impl StaleCheck<'_> {
+impl<'a> StaleCheck<'a> {
+    pub fn new(layout: &'a Layout, manifest: &'a Manifest, hashes: &'a Hashes) -> Self {
+        let of_part = RunSettings::of(&manifest.config).of_part().clone();
+        Self { layout, manifest, hashes, of_part }
+    }
+
     /// Why the plan is stale; `None` where it is not.
     pub fn plan(&self) -> Option<String> {
         self.wanted_plan().why_stale(&self.manifest.made_by)
@@ -93,11 +102,11 @@ impl StaleCheck<'_> {
 
     pub fn tile_of(&self, tile: &Tile, views: &TileViews) -> Recipe {
         let manifest = self.manifest;
-        // Without photos nobody looks at the ground.
+        // Without photos the ground is not searched.
         let ground_spacing_m = (!views.photos.is_empty()).then_some(manifest.ground_spacing_m);
         let frame = (manifest.origin_m, manifest.heights_m, ground_spacing_m);
         let part = |of: &Option<Content>| of.as_ref().map_or_else(|| ABSENT.to_owned(), |part| part.sha256.clone());
-        let mut recipe = Recipe::new(&part_settings(&manifest.config))
+        let mut recipe = Recipe::new(&self.of_part)
             .with("the frame", hash_of_text(&frame))
             .with("the tile's place", hash_of_text(&(tile.core, tile.halo)))
             .with("its views", &tile.views_sha256)
@@ -161,10 +170,10 @@ impl StaleCheck<'_> {
             let sha256 = done.as_ref().map_or_else(|| ABSENT.to_owned(), hash_of_text);
             recipe.add(format!("tile {}", tile.id), sha256);
         }
-        // Which photos there are; what those hold that were read stands beside what was merged.
+        // The list of photos; hashes of those that were read are kept beside the merged files.
         let common: Common = read_json(&self.layout.common())?;
-        let photos = photos_for_city_report(&self.manifest.config, &common.views);
-        if !photos.is_empty() {
+        let photos = photos_for_city_report(&common.views);
+        if self.manifest.config.output.report.page && !photos.is_empty() {
             recipe.add("the list of photos from above", hash_of_text(&photos));
         }
         Ok(recipe)

@@ -50,7 +50,7 @@ pub struct TileStatus {
 }
 
 impl TileStatus {
-    /// A tile of which nothing is known yet.
+    /// A tile without a known state.
     pub(super) fn of(tile: &Tile) -> Self {
         let (why, exit_code, runner, input_sha256) = (None, None, None, None);
         Self { tile: tile.clone(), state: TileState::Waiting, why, exit_code, n_tries: 0, runner, input_sha256 }
@@ -90,7 +90,7 @@ pub fn status(layout: &Layout, trust: Trust) -> Result<CityStatus, TilesError> {
     let manifest = layout.read_manifest()?;
     let names = ["plan", "city"].into_iter().chain(manifest.tiles.iter().map(|tile| tile.id.as_str()));
     let hashes = known(layout, trust, names);
-    let check = StaleCheck { layout, manifest: &manifest, hashes: &hashes };
+    let check = StaleCheck::new(layout, &manifest, &hashes);
     let of_tile = |tile: &Tile| {
         let n_before = hashes.n_bytes_read();
         let status = check.status(tile);

@@ -294,8 +294,8 @@ fn artefacts_of_poses_priors_and_terrain_that_have_changed_are_refused() {
         }
     };
     assert!([0, 5].contains(&scene.run(&["--from", "output"]).code), "nothing has changed");
-    let refinement = scene.run(&["--from", "output", "--set", "refinement.min_score=0.9"]);
-    assert!(refinement.stderr.contains("stale: refinement.min_score is 0.9, was 0.5"), "{}", refinement.stderr);
+    let refinement = scene.run(&["--from", "output", "--set", "refinement.long_side_px=900"]);
+    assert!(refinement.stderr.contains("stale: refinement.long_side_px is 900, was 2000"), "{}", refinement.stderr);
     // A prior, with the time of before, as copying tools keep it.
     let stem = scene.stems().into_iter().find(|stem| stem.contains("oblique")).unwrap();
     let prior = scene.path(&format!("priors/{stem}.npy"));

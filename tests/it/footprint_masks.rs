@@ -314,15 +314,24 @@ fn with_photo(folder: &Path, colours: &[[u8; 3]]) -> (Vec<View>, Vec<Polygon<f64
     (vec![view], houses)
 }
 
+/// A network with a built-in profile, but for the side of its tiles.
+fn with_side(folder: &Path, model: &str, profile: &str, side_px: i64) -> SegmenterConfig {
+    let profiles = Path::new(env!("CARGO_MANIFEST_DIR")).join("crates/footprints/src/segment/profiles.toml");
+    let mut profiles: toml::Table = std::fs::read_to_string(profiles).unwrap().parse().unwrap();
+    let all = profiles["profile"].as_array_mut().unwrap();
+    let own = all.iter_mut().find(|own| own["name"].as_str() == Some(profile)).unwrap().as_table_mut().unwrap();
+    own.insert("side_px".to_owned(), side_px.into());
+    let path = folder.join(format!("{profile}-{side_px}.toml"));
+    std::fs::write(&path, own.to_string()).unwrap();
+    SegmenterConfig::new(fixture(model), path.to_str().unwrap())
+}
+
 #[test]
 fn a_network_sees_a_photo_in_tiles_and_joins_what_they_cut() {
     let folder = tempfile::tempdir().unwrap();
     let (views, houses) = with_photo(folder.path(), &[[230; 3], [230; 3]]);
     for tile_px in [64, 100, 1000] {
-        let config = SegmenterConfig {
-            tile_px: Some(tile_px),
-            ..SegmenterConfig::new(fixture("buildings_of_brightness.onnx"), "semantic")
-        };
+        let config = with_side(folder.path(), "buildings_of_brightness.onnx", "semantic", tile_px);
         let found = find(&FootprintSource::Network(config), &views, &GROUND).unwrap();
         let evaluation = evaluate_footprints(&polygons(&found), &houses);
         assert!(evaluation.n_results == 2 && evaluation.iou > 0.95, "{tile_px}: {evaluation}");
@@ -335,8 +344,7 @@ fn a_network_sees_a_photo_in_tiles_and_joins_what_they_cut() {
         let evaluation = evaluate_footprints(&polygons(&found), &houses);
         assert!(evaluation.n_results == 2 && evaluation.iou > 0.95, "{looks}: {evaluation}");
     }
-    let config =
-        SegmenterConfig { tile_px: Some(96), ..SegmenterConfig::new(fixture("instances_of_colours.onnx"), "sam3") };
+    let config = with_side(folder.path(), "instances_of_colours.onnx", "sam3", 96);
     let (views, houses) = with_photo(folder.path(), &[[255, 60, 60], [60, 255, 60]]);
     let found = find(&FootprintSource::Network(config), &views, &GROUND).unwrap();
     let evaluation = evaluate_footprints(&polygons(&found), &houses);

@@ -1,6 +1,6 @@
 //! The layers of the house: crates depend, and modules import, downwards only.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -42,6 +42,7 @@ const ROOMS: [Room; 9] = [
                 "lock",
                 "paths",
                 "template",
+                "triangles",
                 "unfinished",
                 "units",
             ],
@@ -303,4 +304,62 @@ fn each_native_library_has_one_door() {
             }
         }
     }
+}
+
+/// Files of the pipeline that may read the whole configuration: its door, and the recipes, which hash it.
+const DOORS: [&str; 3] = ["mod", "recipes", "run_settings"];
+
+/// The files of the pipeline by their names: their code without tests.
+fn pipeline() -> BTreeMap<String, String> {
+    let of_pipeline = sources().into_iter().filter(|source| source.path.starts_with("pipeline"));
+    let code = |text: &str| {
+        let text = text.split("#[cfg(test)]").next().unwrap_or_default();
+        text.lines().map(code_of).collect::<Vec<_>>().join("\n")
+    };
+    of_pipeline.map(|s| (s.path.file_stem().unwrap().to_string_lossy().into_owned(), code(&s.text))).collect()
+}
+
+/// The words of a text.
+fn words(text: &str) -> impl Iterator<Item = &str> {
+    text.split(|c: char| !(c.is_alphanumeric() || c == '_')).filter(|word| !word.is_empty())
+}
+
+#[test]
+fn a_stage_reads_its_own_settings_only() {
+    let files = pipeline();
+    assert!(files.len() > 20);
+    for (name, code) in files.iter().filter(|(name, _)| !DOORS.contains(&name.as_str())) {
+        assert!(!code.contains("RunConfig"), "src/pipeline/{name}.rs: a stage gets its own settings, see settings.rs");
+    }
+}
+
+#[test]
+fn no_file_of_the_pipeline_uses_another_in_a_circle() {
+    let mut files = pipeline();
+    let root = files.remove("mod").unwrap();
+    let shown = root.split("pub use ").skip(1).filter_map(|rest| rest.split(';').next()?.split_once("::"));
+    let home: BTreeMap<&str, &str> =
+        shown.flat_map(|(module, names)| words(names).map(move |name| (name, module))).collect();
+    let used = |code: &str| -> BTreeSet<String> {
+        let names = code.split("super::").skip(1).filter_map(|rest| {
+            let ends: &[char] = if rest.starts_with('{') { &[';'] } else { &[':', ';', '('] };
+            rest.split(ends).next()
+        });
+        let known = |name: &str| {
+            files.get_key_value(name).map(|(file, _)| &**file).or(home.get(name).copied()).map(str::to_owned)
+        };
+        names.flat_map(words).filter_map(known).collect()
+    };
+    let mut left: BTreeMap<&str, BTreeSet<String>> = files
+        .iter()
+        .map(|(name, code)| (name.as_str(), used(code).into_iter().filter(|used| used != name).collect()))
+        .collect();
+    assert!(left["stages"].contains("heights") && left["records"].contains("stage_data"), "arrows are found");
+    // Files that use no file that is left are taken out, until none is: what remains is in circles.
+    while let Some(free) =
+        left.iter().find(|(_, used)| used.iter().all(|used| !left.contains_key(used.as_str()))).map(|(name, _)| *name)
+    {
+        left.remove(free);
+    }
+    assert!(left.is_empty(), "files that use each other: {:?}", left.keys());
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use sizeup::config::RunConfig;
 use sizeup::heights::estimate::MethodSettings;
 use sizeup::heights::{Building, Settings, View, estimate_heights};
-use sizeup::pipeline::{self, FootprintStage, RunOptions, Stage};
+use sizeup::pipeline::{self, FootprintStage, RunOptions, RunSettings, Stage};
 use sizeup::prior::{Album, PriorSource as _};
 use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind, simulate};
 use sizeup::survey::{Survey, ViewKind};
@@ -39,7 +39,13 @@ fn the_library_returns_the_heights_of_the_program_to_the_bit() {
     let options = RunOptions { from: Stage::Survey, until: Stage::Heights, command: "test".to_owned() };
     pipeline::run(&config, &options, &|_| {}).unwrap();
     let (survey, mut layer): (Survey, FootprintStage) = (stage(&config, "survey"), stage(&config, "footprints"));
-    let terrain = pipeline::correct_ground(&config, &survey, &mut layer, &stage(&config, "heights")).unwrap();
+    let terrain = pipeline::terrain_of_heights(
+        &RunSettings::of(&config).heights.scene,
+        &survey,
+        &mut layer,
+        &stage(&config, "heights"),
+    )
+    .unwrap();
 
     let on_ground = layer.layer.footprints.iter().zip(&layer.ground);
     let buildings: Vec<Building> = on_ground
@@ -48,7 +54,7 @@ fn the_library_returns_the_heights_of_the_program_to_the_bit() {
     let priors = config.prior.open(&survey.views, &terrain, 100.0).unwrap();
     let album = Album::new(config.refinement.long_side_px, 1 << 30);
     let found = |view: &sizeup::survey::View| {
-        let path = config.found_path(view.image.as_ref().unwrap());
+        let path = config.result_folder().found(view.image.as_ref().unwrap());
         sizeup::survey::View { image: Some(path), ..view.clone() }
     };
     let views: Vec<View> = survey

@@ -171,10 +171,10 @@ fn a_result_finds_its_photos_from_any_folder_and_pictures_in_them_what_is_farthe
 #[test]
 fn settings_that_cannot_be_are_refused_by_name() {
     let mut command = sizeup();
-    command.arg("run").arg(TOWN.path().join("sizeup.toml")).args(["--set", "refinement.n_photos=2"]);
+    command.arg("run").arg(TOWN.path().join("sizeup.toml")).args(["--set", "refinement.long_side_px=2"]);
     let outcome: Outcome = command.output().unwrap().into();
     assert_eq!(outcome.code, 2);
-    assert!(outcome.stderr.contains("`n_photos`") && outcome.stderr.contains("4 to 64"), "{}", outcome.stderr);
+    assert!(outcome.stderr.contains("`long_side_px`") && outcome.stderr.contains("64 to 20000"), "{}", outcome.stderr);
 }
 
 #[test]

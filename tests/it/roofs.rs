@@ -6,6 +6,7 @@ use std::path::Path;
 use serde_json::Value;
 use sizeup::config::RunConfig;
 use sizeup::pipeline::{self, RunOptions, Stage};
+use sizeup::scene::RoofForm;
 use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind, simulate};
 
 /// A village of pitched roofs, seen from all sides, with one level of prior errors.
@@ -30,11 +31,25 @@ fn town(kind: TownKind, level: PriorLevel) -> SimulateConfig {
 
 /// Runs the scene with settings; returns the city and the solution.
 fn run(folder: &Path, settings: &[&str]) -> (Value, Value) {
+    run_config(folder, &config(folder, settings))
+}
+
+fn config(folder: &Path, settings: &[&str]) -> RunConfig {
     let settings: Vec<String> =
         settings.iter().chain(&["output.pictures=false", "ground.reference=mean"]).map(|&s| s.to_owned()).collect();
-    let config = RunConfig::load(&folder.join("sizeup.toml"), &settings).unwrap();
+    RunConfig::load(&folder.join("sizeup.toml"), &settings).unwrap()
+}
+
+/// The same with some forms of roofs only.
+fn run_with_forms(folder: &Path, settings: &[&str], forms: &[RoofForm]) -> (Value, Value) {
+    let mut config = config(folder, settings);
+    config.optimise.search.roof_forms = forms.to_vec();
+    run_config(folder, &config)
+}
+
+fn run_config(folder: &Path, config: &RunConfig) -> (Value, Value) {
     let options = RunOptions { from: Stage::Survey, until: Stage::Output, command: "test".to_owned() };
-    pipeline::run(&config, &options, &|_| {}).unwrap();
+    pipeline::run(config, &options, &|_| {}).unwrap();
     let read = |name: &str| serde_json::from_slice(&fs::read(folder.join("result").join(name)).unwrap()).unwrap();
     let city: Value = read("city.city.json");
     let heights: Value = read("stages/heights.json");
@@ -94,7 +109,7 @@ fn each_height_reference_states_its_own_height_of_a_pitched_roof() {
     let (n_right, n) = (n_right.count(), pairs.len());
     println!("pitched or flat told right: {n_right} of {n}; eave {eave_m:.2} m, ridge {ridge_m:.2} m off");
     assert!(10 * n_right >= 9 * n, "pitched or flat: {n_right} of {n} right");
-    let (flat, _) = run(folder.path(), &["optimise.search.roof_forms=[]"]);
+    let (flat, _) = run_with_forms(folder.path(), &[], &[]);
     let flat_m = error_m(folder.path(), &flat, "height_m");
     assert!(pitched_m < 0.7 * flat_m, "pitched {pitched_m:.2} m, flat {flat_m:.2} m");
 }
@@ -104,7 +119,9 @@ fn edges_that_spill_over_are_measured_and_taken_back() {
     let folder = tempfile::tempdir().unwrap();
     village(folder.path(), PriorLevel::Bleed);
     let (with, solution) = run(folder.path(), &[]);
-    let (without, untouched) = run(folder.path(), &["optimise.search.correct_edge_bleeding=false"]);
+    let mut left_alone = config(folder.path(), &[]);
+    left_alone.optimise.search.correct_edge_bleeding = false;
+    let (without, untouched) = run_config(folder.path(), &left_alone);
     // Simulated near sides grow by 2 to 3 px; walls a few pixels wide in the image hide a part of that.
     let bleeding_px = solution["bleeding_px"].as_f64().unwrap();
     assert!((0.5..4.0).contains(&bleeding_px), "{bleeding_px:.2} px");
@@ -115,10 +132,10 @@ fn edges_that_spill_over_are_measured_and_taken_back() {
 
 #[test]
 fn a_step_in_a_roof_is_seen_and_its_mean_height_stated() {
-    const ONE_LEVEL: &str = "optimise.search.roof_forms=['gable', 'hip']";
+    const ONE_LEVEL: [RoofForm; 2] = [RoofForm::Gable, RoofForm::Hip];
     let folder = tempfile::tempdir().unwrap();
     simulated(folder.path(), TownKind::Downtown, PriorLevel::Mid);
-    let both = |more: &[&str]| (run(folder.path(), more).0, run(folder.path(), &[more, &[ONE_LEVEL]].concat()).0);
+    let both = |more: &[&str]| (run(folder.path(), more).0, run_with_forms(folder.path(), more, &ONE_LEVEL).0);
     let (with, without) = both(&[]);
     // Those whose footprint was left whole.
     let errors_m = |city: &Value| -> Vec<f64> {

@@ -126,45 +126,6 @@ fn robust_finds_heights_from_an_exact_prior() {
     assert!(errors.iter().all(|e| *e < 0.8), "{errors:.2?}");
 }
 
-/// Houses of two levels, 14 and 5 m, that come as one footprint each, with sheds against their lower ends: beside blocks of one height
-/// the sheds are looked for in front of walls that are not there.
-#[test]
-fn sheds_are_measured_beside_the_roofs_of_their_neighbours_as_these_are() {
-    let rectangle = |x: f64, y: f64, w: f64, d: f64| polygon![(x: x, y: y), (x: x + w, y: y), (x: x + w, y: y + d), (x: x, y: y + d)];
-    let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
-    let bounds = HeightBounds { min_m: 2.0, max_m: 90.0 };
-    let mut block = block();
-    let (mut true_parts, mut parts_m, mut listed, mut listed_m) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    for i in 0..9 {
-        let (x, y) = (f64::from(i % 3) * 42.0, f64::from(i / 3) * 40.0);
-        let shed = rectangle(x + 22.0, y + 1.0 + f64::from(i % 4), 4.0, 5.0);
-        true_parts.extend([rectangle(x, y, 9.0, 12.0), rectangle(x + 9.0, y, 13.0, 12.0), shed.clone()]);
-        parts_m.extend([14.0, 5.0, 2.8]);
-        listed.extend([rectangle(x, y, 22.0, 12.0), shed]);
-        listed_m.extend([(14.0 * 9.0 + 5.0 * 13.0) / 22.0, 2.8]);
-    }
-    let scene = |polygons: &[Polygon<f64>]| {
-        let footprints: Vec<_> = polygons.iter().map(|polygon| (polygon, ground)).collect();
-        Scene::at(block.scene.origin, &footprints, &Terrain::Constant(0.0), bounds, 300.0)
-    };
-    let (of_parts, of_listed) = (scene(&true_parts), scene(&listed));
-    (block.scene, block.truth_m) = (of_parts, parts_m);
-    let priors = block.priors(|d| d);
-    (block.scene, block.truth_m) = (of_listed, listed_m);
-    let errors = |roof_sweeps: usize| {
-        let mut config = small(Preset::Robust);
-        (config.search.split_levels, config.search.roof_sweeps) = (false, roof_sweeps);
-        let errors = block.errors(&block.solve(&priors, &config));
-        let of = |first: usize| errors.iter().skip(first).step_by(2).copied().collect::<Vec<f64>>();
-        (of(0), of(1))
-    };
-    let ((houses, sheds), (_, beside_blocks)) = (errors(2), errors(0));
-    // As exact priors of houses alone: 0.7 m on the ground per pixel.
-    assert!(sheds.iter().all(|e| *e < 0.3), "sheds {sheds:.2?}, beside blocks {beside_blocks:.2?}");
-    assert!(mean(&houses) < 0.5, "houses {houses:.2?}");
-    assert!(mean(&beside_blocks) > 3.0 * mean(&sheds), "sheds {sheds:.2?}, beside blocks {beside_blocks:.2?}");
-}
-
 /// Most of what the photos show has no footprint, and they look from one side only: a house grown tall enough stands in the way of
 /// those behind it. Where priors are in metres they say themselves what is no part of the scene.
 #[test]
@@ -274,17 +235,6 @@ fn wrong_relief_of_towers_leaves_a_pavilion_beside_them_alone() {
     let (full, local) = (error_after(0), error_after(3));
     println!("off by {full:.2} m after the full sweeps, {local:.2} m after the local ones");
     assert!(local < 0.5 && local < 0.7 * full, "{local} {full}");
-}
-
-#[test]
-fn ranks_need_only_the_order_of_the_prior() {
-    let block = block();
-    let mut config = small(Preset::Robust);
-    let search = &mut config.search;
-    (search.rank_sweeps, search.roof_forms) = (2, Vec::new());
-    (search.agreement_weight, search.local_agreement_weight, search.unmodelled_agreement_weight) = (0.0, 0.0, 0.0);
-    let errors = block.errors(&block.solve(&block.priors(|d| (0.01 * d).powi(3)), &config));
-    assert!(mean(&errors) < 0.4, "{errors:.2?}");
 }
 
 /// Depth whose order alone is right: cubed, and as the root of how much nearer than the farthest place it is. Scored as they are, the

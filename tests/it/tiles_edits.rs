@@ -238,7 +238,7 @@ fn edit(scene: &Scene, kind: usize, chance: &mut ChaCha8Rng) -> Touched {
             touched.all = true;
         }
         _ => {
-            scene.edit("sizeup.toml", |text| format!("{text}\n[refinement]\nmin_score = 0.6\n"));
+            scene.edit("sizeup.toml", |text| format!("{text}\n[refinement]\nlong_side_px = 900\n"));
             touched.all = true;
         }
     }

@@ -179,8 +179,8 @@ class Settings(unittest.TestCase):
             prior=Prior("auto", model="/n.onnx", profile="moge"),
         )
         read = tomllib.loads(masks.to_toml())
-        self.assertEqual(read["footprints"]["cadastre"], {"layer": {"path": "/c.gpkg"}})
-        self.assertEqual(read["prior"], {"source": "auto", "network": {"model": "/n.onnx", "profile": "moge"}})
+        self.assertEqual(read["footprints"]["cadastre"], {"path": "/c.gpkg"})
+        self.assertEqual(read["prior"], {"source": "auto", "model": "/n.onnx", "profile": "moge"})
 
     def test_what_is_missing_or_contradicts_itself_is_said(self):
         from sizeup.config import ConfigError, Layer, Prior, RunSettings, three_numbers

@@ -11,6 +11,7 @@
 //! ```
 
 use std::collections::HashSet;
+use std::path::PathBuf;
 
 use geo::{Area as _, BooleanOps as _, BoundingRect as _, Contains as _, InteriorPoint as _};
 use geo_types::Polygon;
@@ -42,8 +43,18 @@ pub enum FootprintFrom {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CadastreConfig {
-    /// The layer and how to read it.
-    pub layer: FootprintConfig,
+    /// File of the layer.
+    pub path: PathBuf,
+    /// Layer in the file; may be left out where it is the only one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub layer: Option<String>,
+    /// Attribute that identifies a building.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub id_field: Option<String>,
+    /// CRS of the layer, where its file does not state one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<String>")]
+    pub crs: Option<Crs>,
     /// Which footprint matched buildings get: "layer" or "photos".
     #[serde(default)]
     pub footprint_from: FootprintFrom,
@@ -57,7 +68,12 @@ const SAME_IOU: f64 = 0.75;
 impl CadastreConfig {
     /// Hands every path of these settings to `visit`, which may change it.
     pub(super) fn visit_paths(&mut self, visit: PathVisitor<'_>) {
-        visit(&mut self.layer.path);
+        visit(&mut self.path);
+    }
+
+    fn footprints(&self) -> FootprintConfig {
+        let Self { layer, id_field, crs, .. } = self.clone();
+        FootprintConfig { layer, id_field, crs, ..FootprintConfig::new(&self.path) }
     }
 }
 
@@ -114,7 +130,7 @@ pub fn conflate(
     config: &CadastreConfig,
     crs: &Crs,
 ) -> Result<Conflation, FootprintError> {
-    let known = layer::read(&config.layer, crs)?;
+    let known = layer::read(&config.footprints(), crs)?;
     let pairs = pairs(footprints, &known.footprints, MIN_IOU);
     let mut counterpart = vec![None; footprints.len()];
     let mut is_found = vec![false; known.footprints.len()];

@@ -15,7 +15,6 @@ use sizeup_geo::paths::PathVisitor;
 /// Where the footprints come from. A table without `source` is an existing layer.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "source", rename_all = "snake_case")]
-#[expect(clippy::large_enum_variant, reason = "there is one of them")]
 pub enum FootprintSource {
     /// An existing vector layer.
     Layer(FootprintConfig),
@@ -28,7 +27,6 @@ pub enum FootprintSource {
 /// Source of the footprints, as a configuration states it.
 #[derive(Deserialize, JsonSchema)]
 #[serde(tag = "source", rename_all = "snake_case")]
-#[expect(clippy::large_enum_variant, reason = "there is one of them")]
 enum Tagged {
     /// An existing vector layer; what a table without `source` is.
     Layer(FootprintConfig),

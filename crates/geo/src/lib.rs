@@ -18,5 +18,6 @@ pub mod lock;
 pub mod paths;
 pub mod template;
 pub mod terrain;
+pub mod triangles;
 pub mod unfinished;
 pub mod units;

@@ -168,9 +168,9 @@ pub struct HeightConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CsvConfig {
-    /// Column separator: one character, or `tab` or `whitespace`. Empty: found from the first line.
-    #[schemars(extend("x-expert" = true))]
-    pub delimiter: String,
+    /// Whether white space separates the columns, as in files of some programs. Else the separator is detected.
+    #[serde(skip)]
+    pub is_spaced: bool,
     /// Names of the columns, where the file has no header line.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub header: Option<Vec<String>>,
@@ -250,7 +250,7 @@ pub struct CameraConfig {
 impl Default for CsvConfig {
     fn default() -> Self {
         Self {
-            delimiter: String::new(),
+            is_spaced: false,
             header: None,
             name: "name".to_owned(),
             x: "x".to_owned(),

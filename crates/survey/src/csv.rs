@@ -91,7 +91,7 @@ pub(crate) fn read_table(path: &Path, config: &CsvConfig, camera: Option<&Camera
     let config = Declared { table: config, camera };
     let text = text::read(path)?;
     let CsvLayout { delimiter, header, rows } =
-        layout(&text, config.table, |header| ColumnPositions::fit(header, &config))?;
+        layout(&text, config.table, |header| ColumnPositions::fit(header, &config));
     let mut reader = ::csv::ReaderBuilder::new()
         .delimiter(delimiter.unwrap_or(b','))
         .has_headers(false)

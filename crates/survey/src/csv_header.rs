@@ -2,7 +2,6 @@
 //! quotes, with units (`Omega [deg]`, `altitude(feet)`, `alt_ft`), or apart from the rows by another separator. A first line
 //! `sep=;`, which spreadsheets write for each other, names the separator.
 
-use super::SurveyError;
 use super::angles::{AngleKind, AngleUnit};
 use super::config::CsvConfig;
 
@@ -234,7 +233,7 @@ pub(crate) fn names_angles(head: &str) -> bool {
 
 /// The separator that a line contains; `None` where it has blanks only.
 fn separator_of(line: &str) -> Option<u8> {
-    b"\t;,".iter().copied().find(|&separator| line.as_bytes().contains(&separator))
+    b"\t;|,".iter().copied().find(|&separator| line.as_bytes().contains(&separator))
 }
 
 /// The separator of a first line `sep=;`, and the length of that line.
@@ -249,22 +248,9 @@ fn stated_separator(text: &str) -> Option<(u8, usize)> {
 }
 
 /// The layout of a table; `fit` judges the names of a line.
-pub(super) fn layout<'a>(
-    text: &'a str,
-    config: &CsvConfig,
-    fit: impl Fn(&CsvHeader) -> HeaderFit,
-) -> Result<CsvLayout<'a>, SurveyError> {
+pub(super) fn layout<'a>(text: &'a str, config: &CsvConfig, fit: impl Fn(&CsvHeader) -> HeaderFit) -> CsvLayout<'a> {
     let stated = stated_separator(text);
-    let declared = match config.delimiter.as_str() {
-        "" => stated.map(|(separator, _)| Some(separator)),
-        "tab" | "\t" => Some(Some(b'\t')),
-        "whitespace" => Some(None),
-        one if one.len() == 1 => Some(Some(one.as_bytes()[0])),
-        other => {
-            let message = format!("csv.delimiter {other:?}");
-            return Err(SurveyError::config(message, "one character, or \"tab\" or \"whitespace\""));
-        }
-    };
+    let declared = if config.is_spaced { Some(None) } else { stated.map(|(separator, _)| Some(separator)) };
     let rows = &text[stated.map_or(0, |(_, length)| length)..];
     let head = &rows[..rows.floor_char_boundary(HEAD_BYTES)];
     let lines = || head.lines().filter(|line| !line.trim().is_empty());
@@ -272,18 +258,18 @@ pub(super) fn layout<'a>(
     let of_line = |line: &str| declared.unwrap_or_else(|| separator_of(line));
     let (first, second) = (data.next().unwrap_or_default(), data.next());
     if let Some(names) = &config.header {
-        return Ok(CsvLayout { delimiter: of_line(first), header: Some(CsvHeader::declared(names)), rows });
+        return CsvLayout { delimiter: of_line(first), header: Some(CsvHeader::declared(names)), rows };
     }
     let as_row = CsvHeader::of_line(first, of_line(first), true);
     let comments = lines().take_while(|line| line.starts_with('#'));
     let as_comment = comments.map(|line| CsvHeader::of_line(line, separator_of(line), false)).max_by_key(&fit);
-    Ok(match as_comment.filter(|comment| fit(comment) > fit(&as_row)) {
+    match as_comment.filter(|comment| fit(comment) > fit(&as_row)) {
         Some(header) => CsvLayout { delimiter: of_line(first), header: Some(header), rows },
         None => {
             let header = (!first.is_empty()).then_some(as_row);
             CsvLayout { delimiter: of_line(second.unwrap_or(first)), header, rows }
         }
-    })
+    }
 }
 
 #[cfg(test)]
@@ -332,7 +318,7 @@ mod tests {
     #[test]
     fn a_first_line_sep_names_the_separator_and_lines_still_count() {
         let config = CsvConfig::default();
-        let layout = layout("sep=;\r\nname;x\na;1,5\n", &config, |_| HeaderFit::None).unwrap();
+        let layout = layout("sep=;\r\nname;x\na;1,5\n", &config, |_| HeaderFit::None);
         assert_eq!((layout.delimiter, layout.rows), (Some(b';'), "\r\nname;x\na;1,5\n"));
         assert_eq!(layout.header.unwrap().names(), "name, x");
     }

@@ -75,8 +75,7 @@ impl Survey {
     /// Kind of the views that heights are measured in: oblique ones, or nadir ones in a flight that has no others.
     #[must_use]
     pub fn kind_for_heights(&self) -> ViewKind {
-        let has_oblique = self.views.iter().any(|view| view.kind() == ViewKind::Oblique);
-        if has_oblique { ViewKind::Oblique } else { ViewKind::Nadir }
+        ViewKind::for_heights(self.views.iter().map(View::kind))
     }
 
     /// The views that heights are measured in.

@@ -72,7 +72,7 @@ pub(crate) fn read(config: &SurveyConfig) -> Result<Poses, SurveyError> {
 /// A table `imageName X Y Z Omega Phi Kappa` with blanks between, which carries no camera.
 fn read_external(path: &Path, config: &SurveyConfig) -> Result<Poses, SurveyError> {
     config.declared_camera("Pix4D's file of external parameters")?;
-    let table = CsvConfig { name: "imageName".to_owned(), delimiter: "whitespace".to_owned(), ..CsvConfig::default() };
+    let table = CsvConfig { name: "imageName".to_owned(), is_spaced: true, ..CsvConfig::default() };
     csv::read_table(path, &table, config.camera.as_ref())
 }
 

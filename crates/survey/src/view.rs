@@ -10,7 +10,7 @@ use sizeup_heights::camera::Camera;
 use sizeup_heights::frames::{Cam, Map, Rigid};
 use sizeup_heights::ids::ViewId;
 use sizeup_heights::picture::PosedCamera;
-use sizeup_heights::views::NADIR_WITHIN_DEG;
+pub use sizeup_heights::views::ViewKind;
 
 /// A photo with a pose.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -23,18 +23,6 @@ pub struct View {
     pub camera_from_map: Rigid<Cam, Map>,
     /// The photo's file, where it is known and exists.
     pub image: Option<PathBuf>,
-}
-
-/// Purpose of a view.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ViewKind {
-    /// Looks straight down, within [`NADIR_WITHIN_DEG`]: footprints come from here.
-    Nadir,
-    /// Looks down at an angle: heights come from here.
-    Oblique,
-    /// Looks at or above the horizon: of no use.
-    Upward,
 }
 
 impl View {
@@ -77,13 +65,6 @@ impl View {
     /// Nadir, oblique or upward.
     #[must_use]
     pub fn kind(&self) -> ViewKind {
-        let off_nadir_deg = self.off_nadir_rad().to_degrees();
-        if off_nadir_deg <= NADIR_WITHIN_DEG {
-            ViewKind::Nadir
-        } else if off_nadir_deg < 90.0 {
-            ViewKind::Oblique
-        } else {
-            ViewKind::Upward
-        }
+        ViewKind::of(self.off_nadir_rad())
     }
 }

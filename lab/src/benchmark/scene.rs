@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::bodies::{BodyScores, score, true_bodies};
 use super::method::Aids;
 use super::{BenchmarkError, Method, RealCameras, SuitePlan};
-use sizeup::config::RunConfig;
+use sizeup::config::{RunConfig, parse};
 use sizeup::pipeline::{RunOptions, RunSummary, Stage, run_with};
 use sizeup_geo::cloud;
 use sizeup_geo::crs::Crs;
@@ -231,10 +231,25 @@ struct Origin {
     program: String,
 }
 
+/// Tables of the method that studies change, and a configuration does not have.
+const ORDINAL: &str = "optimise.ordinal.";
+const VIEWS: &str = "optimise.views.";
+
+/// Splits an assignment to one of these tables.
+fn method_settings(assignment: &str) -> Option<(&'static str, &str)> {
+    [ORDINAL, VIEWS].into_iter().find_map(|table| Some((table, assignment.strip_prefix(table)?)))
+}
+
 fn run_variant(job: &SceneJob, variant: &Variant, folder: &Path, origin: Origin) -> Result<Outcome, BenchmarkError> {
     let method = variant.method;
-    let mut config = RunConfig::load(&folder.join("sizeup.toml"), &job.assignments_of(variant))
-        .map_err(|source| BenchmarkError::Config { scene: job.name.clone(), source })?;
+    let failed = |source| BenchmarkError::Config { scene: job.name.clone(), source };
+    let (of_method, of_run): (Vec<String>, Vec<String>) =
+        job.assignments_of(variant).into_iter().partition(|assignment| method_settings(assignment).is_some());
+    let mut config = RunConfig::load(&folder.join("sizeup.toml"), &of_run).map_err(failed)?;
+    let of = |table| of_method.iter().filter_map(|a| method_settings(a)).filter(move |(name, _)| *name == table);
+    let of = |table| of(table).map(|(_, assignment)| assignment.to_owned()).collect::<Vec<String>>();
+    config.optimise.ordinal = parse("", None, &of(ORDINAL)).map_err(failed)?;
+    config.optimise.views = parse("", None, &of(VIEWS)).map_err(failed)?;
     method.configure(&mut config);
     config.output.pictures = false;
     config.output.report.page = false;

@@ -8,8 +8,7 @@ use serde_json::json;
 
 use super::PlanSettings;
 use super::layer::{CityFootprints, grounds_of, range};
-use crate::config::RunConfig;
-use crate::pipeline::{Frame, PartHashes, PipelineError, footprints_around, photo_bytes, reads_photo, reviews_of};
+use crate::pipeline::{Frame, PartHashes, PipelineError, RunSettings, footprints_around, reviews_of};
 use crate::tiles::frame::CityFrame;
 use crate::tiles::grid::{self, Core, Places};
 use crate::tiles::manifest::{self, Layout, Tile, TileViews};
@@ -34,14 +33,14 @@ const VIEW_MARGIN_SHARE: f64 = 0.45;
 /// Buildings that all tiles solve, their halos included, for each building that there is, at most, where nobody says how
 /// large tiles are to be and memory allows it.
 const MOST_SOLVED: f64 = 1.5;
-/// Side of the pieces that the ground of a city is looked at in, metres.
+/// Side of the pieces that the ground of a city is read in, metres.
 const PIECE_M: f64 = 1000.0;
 /// Rays flatter than this have nothing to meet, horizontal over vertical way.
 const MAX_SLOPE: f64 = 3.0;
 
 /// Everything that tiles are made from.
 pub(super) struct PlannedCity<'a> {
-    config: &'a RunConfig,
+    run: &'a RunSettings<'a>,
     settings: &'a PlanSettings,
     survey: &'a Survey,
     pub places: Places,
@@ -64,7 +63,7 @@ impl<'a> PlannedCity<'a> {
     /// # Errors
     /// [`TilesError`]: no ground under any footprint, tiles that need more memory than there is, input that cannot be read.
     pub(super) fn new(
-        config: &'a RunConfig,
+        run: &'a RunSettings<'a>,
         settings: &'a PlanSettings,
         survey: &'a Survey,
         footprints: &CityFootprints,
@@ -72,15 +71,15 @@ impl<'a> PlannedCity<'a> {
         earlier: Option<CityFrame>,
     ) -> Result<Self, TilesError> {
         let renamed = footprints.renamed.clone();
-        // The ground of the whole city, looked at in pieces of moderate size.
+        // The ground of the whole city, read in pieces of moderate size.
         let pieces = grid::even(&places, grid::step_of(PIECE_M));
-        let Some(all) = range(&grounds_of(config, &pieces, &renamed)?) else {
+        let Some(all) = range(&grounds_of(&run.footprints, &pieces, &renamed)?) else {
             return Err(TilesError::Pipeline(PipelineError::Mismatch {
                 message: format!("none of the {} footprints has a ground level", footprints.middles.len()),
                 hint: "does the terrain cover the footprints, in the CRS it states?",
             }));
         };
-        let settled = settle(config, settings, survey, footprints, &places, all)?.or_kept(earlier);
+        let settled = settle(run, settings, survey, footprints, &places, all)?.or_kept(earlier);
         let [min_m, max_m] = settled.heights_m;
         let (origin, bounds) = (LocalOrigin(settled.origin_m.into()), HeightBounds { min_m, max_m });
         let frame = Frame { origin, bounds, ground_spacing_m: settled.ground_spacing_m };
@@ -89,13 +88,14 @@ impl<'a> PlannedCity<'a> {
             (None, Some(n_buildings)) => grid::by_count(&places, settled.side_m, n_buildings),
             (None, None) => grid::even(&places, settled.side_m),
         };
-        let cell_m = config.terrain.dtm.as_ref().map(|path| cell_m(path).max(config.terrain.min_cell_m));
-        let priors = config.prior.file_of_each(&survey.views).map_err(PipelineError::from)?;
-        let (grounds, reviews) = (Vec::new(), reviews_of(config)?);
+        let terrain = &run.footprints.ground.terrain;
+        let cell_m = terrain.dtm.as_ref().map(|path| cell_m(path).max(terrain.min_cell_m));
+        let priors = run.heights.prior.file_of_each(&survey.views).map_err(PipelineError::from)?;
+        let (grounds, reviews) = (Vec::new(), reviews_of(run.reviews)?);
         let mut city =
-            Self { config, settings, survey, places, cores, grounds, renamed, settled, frame, cell_m, priors, reviews };
+            Self { run, settings, survey, places, cores, grounds, renamed, settled, frame, cell_m, priors, reviews };
         city.quarter_until_it_fits(all)?;
-        let grounds = grounds_of(config, &city.cores, &city.renamed)?;
+        let grounds = grounds_of(&run.footprints, &city.cores, &city.renamed)?;
         city.grounds = grounds.into_iter().map(|ground| ground.unwrap_or(all)).collect();
         Ok(city)
     }
@@ -117,13 +117,13 @@ impl<'a> PlannedCity<'a> {
     fn views_of(&self, core: &Core, ground_m: [f64; 2]) -> Vec<usize> {
         let area = core.area().grown(self.settled.view_margin_m);
         let tallest_m = f64::from(self.frame.bounds.max_m);
-        // Stereo matches views of all kinds with each other, and roofs and ground are told by photos of all kinds; otherwise
-        // only oblique ones have a say.
+        // Stereo matches views of all kinds, and roofs and ground are measured in photos of all kinds; otherwise only oblique
+        // ones are used.
         let kind = self.survey.kind_for_heights();
         let takes_part = |view: &View| {
             view.kind() == kind
-                || matches!(*self.config.prior.chosen(), PriorConfig::Stereo(_))
-                || reads_photo(self.config, view)
+                || matches!(*self.run.heights.prior.chosen(), PriorConfig::Stereo(_))
+                || self.run.heights.reads_photo(view)
         };
         let views = self.survey.views.iter().enumerate();
         let seeing = views.filter(|(_, v)| takes_part(v) && sight::looks_at(v, &area, ground_m, tallest_m));
@@ -145,13 +145,13 @@ impl<'a> PlannedCity<'a> {
             slope: stats::mean(&tangents).unwrap_or(1.0),
             cell_m: self.cell_m,
             n_threads: self.settings.n_threads,
-            photo_bytes: if self.survey.views.iter().any(|view| reads_photo(self.config, view)) {
-                photo_bytes(self.config, n_views)
+            photo_bytes: if self.survey.views.iter().any(|view| self.run.heights.reads_photo(view)) {
+                self.run.heights.photo_bytes(n_views)
             } else {
                 0
             },
         };
-        estimate_mb(&counts, &self.config.optimise)
+        estimate_mb(&counts, &self.run.heights.method.optimise)
     }
 
     /// The tiles of the plan; their views are written.
@@ -169,19 +169,15 @@ impl<'a> PlannedCity<'a> {
         let views: Vec<View> = positions.iter().map(|&i| self.survey.views[i].clone()).collect();
         let (id, area, n_views) = (core.id(), core.area(), views.len());
         let priors = positions.iter().filter_map(|&i| self.priors[i].clone()).collect();
-        let read = views.iter().filter(|view| reads_photo(self.config, view));
+        let read = views.iter().filter(|view| self.run.heights.reads_photo(view));
         let photos = read.filter_map(|view| view.image.clone()).collect();
-        let positions = if self.config.prior.asks_for_positions() { positions } else { Vec::new() };
+        let positions = if self.run.heights.prior.asks_for_positions() { positions } else { Vec::new() };
         let path = layout.views(&id);
         write_json(&path, &TileViews { views, positions, priors, photos })?;
         let views_sha256 = manifest::hash_of(&path)?;
         let halo = area.grown(self.settled.halo_m);
-        let reads = PartHashes::of(
-            self.config,
-            &self.frame,
-            &footprints_around(self.config, halo, &self.renamed)?,
-            &self.reviews,
-        )?;
+        let footprints = footprints_around(&self.run.footprints, halo, &self.renamed)?;
+        let reads = PartHashes::of(&self.run.footprints.ground, &self.frame, &footprints, &self.reviews)?;
         Ok(Tile {
             id,
             core: area,
@@ -198,14 +194,15 @@ impl<'a> PlannedCity<'a> {
 
 /// Frame that a city would be settled to from nothing.
 fn settle(
-    config: &RunConfig,
+    run: &RunSettings<'_>,
     settings: &PlanSettings,
     survey: &Survey,
     footprints: &CityFootprints,
     places: &Places,
     ground_m: [f64; 2],
 ) -> Result<CityFrame, TilesError> {
-    let Frame { origin, bounds, ground_spacing_m } = Frame::of_city(config, survey, footprints.extent, ground_m[1])?;
+    let heights = run.heights.scene.heights;
+    let Frame { origin, bounds, ground_spacing_m } = Frame::of_city(heights, survey, footprints.extent, ground_m[1])?;
     let halo_m = settings.halo_m.unwrap_or_else(|| {
         let halo_m = HALO_BREADTHS * breadth_m(survey, ground_m);
         (halo_m / HALO_STEP_M).ceil() * HALO_STEP_M
@@ -216,7 +213,7 @@ fn settle(
         (None, None) => grid::side_bounded(places, halo_m, MOST_SOLVED),
     };
     Ok(CityFrame {
-        asked: json!({ "cut": settings.cut(), "heights": config.heights, "crs": config.project.crs }),
+        asked: json!({ "cut": settings.cut(), "heights": heights, "crs": run.survey.crs }),
         origin_m: origin.0.to_array(),
         heights_m: [bounds.min_m, bounds.max_m],
         halo_m,

@@ -5,13 +5,13 @@ use std::collections::BTreeMap;
 use geo_types::Rect;
 use rayon::prelude::*;
 
-use crate::config::RunConfig;
-use crate::pipeline::{PipelineError, check_fallback, footprints_around, layer_of};
+use crate::pipeline::{FootprintSettings, PipelineError, check_fallback, footprints_around, layer_of};
 use crate::tiles::TilesError;
 use crate::tiles::grid::Core;
 use sizeup_footprints::{FootprintSource, LayerParts, RefusedFootprint};
 use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::MapBox;
+use sizeup_results::output::fallback::FallbackConfig;
 
 /// The layer, gone through once.
 pub(super) struct CityFootprints {
@@ -28,19 +28,19 @@ pub(super) struct CityFootprints {
 }
 
 impl CityFootprints {
-    /// Goes through the layer.
+    /// Reads the layer once.
     ///
     /// # Errors
     /// [`TilesError`] where it cannot be read, or none of its footprints can be used.
-    pub(super) fn read(config: &RunConfig) -> Result<Self, TilesError> {
+    pub(super) fn read(settings: &FootprintSettings<'_>, heights: &FallbackConfig) -> Result<Self, TilesError> {
         use geo::BoundingRect as _;
         let (mut middles, mut refused, mut issues) = (Vec::new(), Vec::new(), Vec::new());
         let mut extent: Option<MapBox> = None;
         // Holds as soon as one footprint has what heights fall back on.
         let mut fallback = None;
-        let renamed = LayerParts::open(&*layer_of(config)?, &config.project.crs)?.visit(&mut |found| {
+        let renamed = LayerParts::open(&*layer_of(settings)?, settings.ground.crs)?.visit(&mut |found| {
             if !matches!(fallback, Some(Ok(()))) {
-                fallback = Some(check_fallback(config, found.footprints.iter().map(|f| &f.attributes)));
+                fallback = Some(check_fallback(heights, found.footprints.iter().map(|f| &f.attributes)));
             }
             for footprint in &found.footprints {
                 middles.extend(footprint.middle());
@@ -58,7 +58,7 @@ impl CityFootprints {
             }));
         };
         // Of footprints found in photos the stage that found them has checked it.
-        if matches!(config.footprints, FootprintSource::Layer(_)) {
+        if matches!(settings.source, FootprintSource::Layer(_)) {
             fallback.transpose()?;
         }
         Ok(Self { middles, extent, renamed, refused, issues })
@@ -67,11 +67,11 @@ impl CityFootprints {
 
 /// Lowest and highest ground of some squares' buildings.
 pub(super) fn grounds_of(
-    config: &RunConfig,
+    settings: &FootprintSettings<'_>,
     cores: &[Core],
     renamed: &BTreeMap<u64, String>,
 ) -> Result<Vec<Option<[f64; 2]>>, TilesError> {
-    cores.par_iter().map(|core| ground_of(config, core, renamed)).collect()
+    cores.par_iter().map(|core| ground_of(settings, core, renamed)).collect()
 }
 
 /// Lowest and highest ground of several areas, metres.
@@ -80,11 +80,16 @@ pub(super) fn range(grounds: &[Option<[f64; 2]>]) -> Option<[f64; 2]> {
 }
 
 /// Lowest and highest ground of a core's buildings.
-fn ground_of(config: &RunConfig, core: &Core, renamed: &BTreeMap<u64, String>) -> Result<Option<[f64; 2]>, TilesError> {
-    if let Some(z_m) = config.terrain.constant_m.filter(|_| config.terrain.dtm.is_none()) {
+fn ground_of(
+    settings: &FootprintSettings<'_>,
+    core: &Core,
+    renamed: &BTreeMap<u64, String>,
+) -> Result<Option<[f64; 2]>, TilesError> {
+    let terrain = &settings.ground.terrain;
+    if let Some(z_m) = terrain.constant_m.filter(|_| terrain.dtm.is_none()) {
         return Ok(Some([z_m, z_m]));
     }
-    let levels = footprints_around(config, core.area(), renamed)?.ground;
+    let levels = footprints_around(settings, core.area(), renamed)?.ground;
     let levels = levels.into_iter().flatten().map(|level| level.reference_m);
     Ok(levels.fold(None, |range: Option<[f64; 2]>, z| range.map_or(Some([z, z]), |[a, b]| Some([a.min(z), b.max(z)]))))
 }

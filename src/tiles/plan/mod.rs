@@ -7,7 +7,7 @@ mod settings;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use serde_json::json;
+use serde_json::{Value, json};
 
 pub use self::settings::PlanSettings;
 
@@ -21,8 +21,9 @@ use super::run::{COST, Cost};
 use super::stale::{StaleCheck, Trust, known, part_name};
 use super::{Lock, TilesError};
 use crate::config::RunConfig;
-use crate::pipeline::{self, Event, RunOptions, Stage, Tell};
+use crate::pipeline::{self, Event, RunOptions, RunSettings, Stage, Tell};
 use crate::recipe::Recipe;
+use sizeup_geo::crs::Crs;
 use sizeup_geo::files::FileError;
 use sizeup_geo::geodata::source;
 use sizeup_geo::hashes::Hashes;
@@ -61,7 +62,7 @@ pub fn plan(
     command: &str,
     tell: Tell<'_>,
 ) -> Result<Manifest, TilesError> {
-    check(config, settings)?;
+    check(&RunSettings::of(config), settings)?;
     let layout = Layout::new(&config.project.output);
     let _lock = Lock::take(&layout.lock("city"), &|_| {})?;
     sweep_litter(layout.folder());
@@ -78,7 +79,7 @@ pub fn try_plan(
     command: &str,
     tell: Tell<'_>,
 ) -> Result<Planned, TilesError> {
-    check(config, settings)?;
+    check(&RunSettings::of(config), settings)?;
     let city = Layout::new(&config.project.output);
     let aside = tempfile::tempdir().map_err(FileError::on("cannot create", Path::new("a temporary folder")))?;
     let layout = Layout::new(aside.path());
@@ -97,7 +98,7 @@ pub fn try_plan(
     let names = ["plan"].into_iter().chain(manifest.tiles.iter().map(|tile| tile.id.as_str()));
     let hashes = known(&city, settings.trust, names);
     // Views are those of the new plan, results those of the city.
-    let check = StaleCheck { layout: &layout, manifest: &manifest, hashes: &hashes };
+    let check = StaleCheck::new(&layout, &manifest, &hashes);
     let seconds = seconds_per_building(&city, &manifest);
     let of_tile = |tile: &Tile| -> Result<Option<TileChange>, TilesError> {
         let wanted = check.tile(tile)?;
@@ -129,29 +130,32 @@ fn make(
     tell: Tell<'_>,
 ) -> Result<Manifest, TilesError> {
     let hashes = known(layout, settings.trust, std::iter::once("plan"));
-    let before = shared_inputs(config, settings, None, &hashes)?;
+    let run = RunSettings::of(config);
+    let before = shared_inputs(&run, settings, None, &hashes)?;
     let options = RunOptions { from: Stage::Survey, until: Stage::Survey, command: command.to_owned() };
     pipeline::run(config, &options, tell)?;
     tell(Event::Stage(Stage::Footprints));
-    let found = pipeline::find_footprints(config, command, tell)?;
-    let survey = pipeline::survey_of(config)?;
-    let mut footprints = CityFootprints::read(config)?;
+    let found = pipeline::find_footprints(&run, command, tell)?;
+    let survey = run.survey()?;
+    let mut footprints = CityFootprints::read(&run.footprints, run.records.fallback)?;
     if let Some(found) = found {
         (footprints.refused, footprints.issues) = (found.refused, found.issues);
     }
     let places = Places::new(&footprints.middles);
     let earlier = read_json::<CityFrame>(&layout.frame()).ok();
-    let city = PlannedCity::new(config, settings, &survey, &footprints, places, earlier)?;
-    can_be_placed(config, settings.tileset, &city)?;
+    let city = PlannedCity::new(&run, settings, &survey, &footprints, places, earlier)?;
+    can_be_placed(&config.project.crs, settings.tileset, &city)?;
     let tiles = city.tiles(layout)?;
-    let inputs = shared_inputs(config, settings, Some(&survey), &hashes)?;
+    let inputs = shared_inputs(&run, settings, Some(&survey), &hashes)?;
     if let Some(changed) = before.iter().find(|file| !inputs.contains(file)) {
         let (what, why) =
             ("the plan".to_owned(), format!("{} {} changed while it was read", changed.role, changed.path));
         return Err(TilesError::Stale { what, why, hint: "plan again once nobody writes to it" });
     }
+    let mut as_recipe = config.clone();
+    as_recipe.project.output = PathBuf::new();
     let manifest = Manifest {
-        made_by: recipe_of(config, settings, &inputs),
+        made_by: recipe_of(&json!(as_recipe), settings, &inputs),
         origin_m: city.frame.origin.0.to_array(),
         heights_m: [city.frame.bounds.min_m, city.frame.bounds.max_m],
         ground_spacing_m: city.settled.ground_spacing_m,
@@ -177,9 +181,7 @@ fn make(
 }
 
 /// Recipe of a plan: all settings but where results go, how it is cut, and the files that all tiles share.
-fn recipe_of(config: &RunConfig, settings: &PlanSettings, inputs: &[InputFile]) -> Recipe {
-    let mut config = config.clone();
-    config.project.output = PathBuf::new();
+fn recipe_of(config: &Value, settings: &PlanSettings, inputs: &[InputFile]) -> Recipe {
     let mut recipe = Recipe::new(&json!({ "config": config, "cut": settings.cut(), "tileset": settings.tileset }));
     for file in inputs {
         recipe.add(part_name(&file.role, Path::new(&file.path)), &file.sha256);
@@ -188,7 +190,7 @@ fn recipe_of(config: &RunConfig, settings: &PlanSettings, inputs: &[InputFile]) 
 }
 
 /// Whether 3D Tiles can be written in the end, for which PROJ may lack a grid: better now than after all tiles.
-fn can_be_placed(config: &RunConfig, tileset: Tileset, city: &PlannedCity<'_>) -> Result<(), TilesError> {
+fn can_be_placed(crs: &Crs, tileset: Tileset, city: &PlannedCity<'_>) -> Result<(), TilesError> {
     let (Tileset::Written(heights), Some(extent)) = (tileset, city.places.extent()) else { return Ok(()) };
     let ground_m = city.grounds.first().map_or(0.0, |ground| ground[0]);
     let middle = glam::DVec3::new(
@@ -196,7 +198,7 @@ fn can_be_placed(config: &RunConfig, tileset: Tileset, city: &PlannedCity<'_>) -
         f64::midpoint(extent.south_m, extent.north_m),
         ground_m,
     );
-    match tiles3d::check_place(&config.project.crs, heights, middle) {
+    match tiles3d::check_place(crs, heights, middle) {
         // Then there are none, which the merge says.
         Ok(()) | Err(OutputError::HeightsNotStated { .. }) => Ok(()),
         Err(source) => Err(TilesError::Heights { source }),
@@ -205,18 +207,18 @@ fn can_be_placed(config: &RunConfig, tileset: Tileset, city: &PlannedCity<'_>) -
 
 /// The files that all tiles share; footprints that are found in photos of a survey come from as many files.
 fn shared_inputs(
-    config: &RunConfig,
+    run: &RunSettings<'_>,
     settings: &PlanSettings,
     survey: Option<&Survey>,
     hashes: &Hashes,
 ) -> Result<Vec<InputFile>, TilesError> {
     let none = Survey::default();
     let own = settings.config_file.iter().map(|path| ("config", path.clone()));
-    let poses = pipeline::files_of(&config.survey.path).into_iter().map(|path| ("survey", path));
-    let footprints = pipeline::footprint_files(config, survey.unwrap_or(&none));
+    let poses = pipeline::files_of(&run.survey.config.path).into_iter().map(|path| ("survey", path));
+    let footprints = pipeline::footprint_files(run.footprints.source, survey.unwrap_or(&none));
     let footprints = footprints.iter().flat_map(|path| source::files_of(path)).map(|path| ("footprints", path));
-    let terrain = config.terrain.dtm.iter().flat_map(|path| source::files_of(path)).map(|path| ("terrain", path));
-    let reviews = config.reviews.iter().flat_map(|reviews| source::files_of(&reviews.path));
+    let terrain = run.survey.terrain.dtm.iter().flat_map(|path| source::files_of(path)).map(|path| ("terrain", path));
+    let reviews = run.reviews.iter().flat_map(|reviews| source::files_of(&reviews.path));
     let reviews = reviews.map(|path| ("reviews", path));
     let all = own.chain(poses).chain(footprints).chain(terrain).chain(reviews);
     let mut files: Vec<(&str, PathBuf)> = all.filter(|(_, path)| path.is_file()).collect();
@@ -229,13 +231,13 @@ fn shared_inputs(
     hashed.collect()
 }
 
-/// Inputs of a configuration's plan, file by file, without reading the poses: what an engine has to look at to know
+/// Inputs of a configuration's plan, file by file, without reading the poses: files that an engine checks to decide
 /// whether to plan again. Masks of photos are known to the plan alone.
 ///
 /// # Errors
 /// [`TilesError::File`] for a file that cannot be read.
-pub fn inputs(config: &RunConfig, settings: &PlanSettings) -> Result<Vec<InputFile>, TilesError> {
-    let layout = Layout::new(&config.project.output);
+pub fn inputs(run: &RunSettings<'_>, settings: &PlanSettings) -> Result<Vec<InputFile>, TilesError> {
+    let layout = Layout::new(run.output.folder.path());
     let hashes = known(&layout, settings.trust, std::iter::once("plan"));
-    shared_inputs(config, settings, None, &hashes)
+    shared_inputs(run, settings, None, &hashes)
 }

@@ -1,11 +1,10 @@
-//! How a city is asked to be cut, and what of it cannot be.
+//! Settings of the cut of a city, and their limits.
 
 use std::path::PathBuf;
 
 use serde_json::json;
 
-use crate::config::RunConfig;
-use crate::pipeline::{PipelineError, layer_of};
+use crate::pipeline::{PipelineError, RunSettings, layer_of};
 use crate::tiles::TilesError;
 use crate::tiles::manifest::Tileset;
 use crate::tiles::stale::Trust;
@@ -50,7 +49,7 @@ impl PlanSettings {
         })
     }
 
-    /// Most memory that a tile may need, megabytes; `None` where only its size is asked for.
+    /// Most memory that a tile may need, megabytes; `None` where only its size is set.
     pub(super) fn memory_limit_mb(&self) -> Option<u64> {
         let is_left_open = self.size_m.is_none() && self.n_buildings.is_none();
         self.memory_mb.or_else(|| is_left_open.then_some(DEFAULT_MEMORY_MB))
@@ -61,18 +60,18 @@ impl PlanSettings {
 ///
 /// # Errors
 /// [`TilesError`]: the preset `paper`, a terrain model made by the run, sizes out of range, roof contours that move.
-pub(super) fn check(config: &RunConfig, settings: &PlanSettings) -> Result<(), TilesError> {
-    if config.optimise.preset == Preset::Paper {
+pub(super) fn check(run: &RunSettings<'_>, settings: &PlanSettings) -> Result<(), TilesError> {
+    if run.heights.method.optimise.preset == Preset::Paper {
         return Err(TilesError::PaperPreset);
     }
-    if config.dtm.is_some() {
+    if run.dtm.model.is_some() {
         return Err(TilesError::Pipeline(PipelineError::Settings {
             table: "dtm",
             message: "a terrain model made by the run is not made tile by tile".to_owned(),
             hint: "make it once with `sizeup dtm`, name it as terrain.dtm, and take [dtm] out",
         }));
     }
-    layer_of(config)?;
+    layer_of(&run.footprints)?;
     let refuse = |setting, found: String, expected| Err(TilesError::Setting { setting, found, expected });
     let is_within = |m: f64, low: f64| m.is_finite() && m >= low && m <= LARGEST_TILE_M;
     if let Some(size_m) = settings.size_m.filter(|&m| !is_within(m, 1.0)) {

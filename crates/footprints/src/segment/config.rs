@@ -15,7 +15,6 @@ use crate::georeference::InputAccuracy;
 use crate::layer::FootprintError;
 use sizeup_geo::paths::{PathVisitor, visit_template};
 use sizeup_photos::onnx::{is_profile_file, profile_in};
-use sizeup_photos::prior::FilePriorConfig;
 
 /// Which network, and how it is run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -42,33 +41,13 @@ pub struct SegmenterConfig {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-expert" = true))]
     pub looks: Option<usize>,
-    /// Side of a tile, pixels of the photo; in place of `pixel_m`. The network's own side, reduced by `pixel_m`, where left out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-expert" = true))]
-    pub tile_px: Option<usize>,
-    /// Share of a tile that overlaps the next one, 0 to 0.5.
-    #[serde(default = "default_overlap")]
-    #[schemars(extend("x-expert" = true))]
-    pub overlap: f64,
     /// Probability above which there is a building, 0 to 1.
     #[serde(default = "default_above")]
     #[schemars(extend("x-expert" = true))]
     pub above: f32,
-    /// For networks that say how near to a middle a pixel lies: how far that falls between two buildings, or along the border of two
-    /// roofs, 0 to 1; the profile's own where left out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-expert" = true))]
-    pub dip: Option<f32>,
-    /// Least score of an instance, 0 to 1.
-    #[serde(default = "default_min_score")]
-    #[schemars(extend("x-expert" = true))]
-    pub min_score: f32,
     /// The contour that masks follow: "ground", where walls meet the ground, or "roof".
     #[serde(default)]
     pub contour: ContourKind,
-    /// Depth of every photo from files, for networks that take it, by `{stem}` or `{name}`; that of `[prior]` where left out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub depth: Option<FilePriorConfig>,
     /// How accurate masks, poses and terrain are.
     #[serde(default)]
     pub accuracy: InputAccuracy,
@@ -81,15 +60,7 @@ pub struct SegmenterConfig {
     pub cadastre: Option<CadastreConfig>,
 }
 
-fn default_overlap() -> f64 {
-    0.2
-}
-
 fn default_above() -> f32 {
-    0.5
-}
-
-fn default_min_score() -> f32 {
     0.5
 }
 
@@ -103,13 +74,8 @@ impl SegmenterConfig {
             profile: Some(profile.to_owned()),
             pixel_m: None,
             looks: None,
-            tile_px: None,
-            overlap: default_overlap(),
             above: default_above(),
-            dip: None,
-            min_score: default_min_score(),
             contour: ContourKind::default(),
-            depth: None,
             accuracy: InputAccuracy::default(),
             roof_rounds: default_roof_rounds(),
             cadastre: None,
@@ -135,9 +101,6 @@ impl SegmenterConfig {
             visit_template(profile, visit);
         }
         self.backbones.values_mut().for_each(&mut *visit);
-        if let Some(depth) = &mut self.depth {
-            visit_template(&mut depth.path, visit);
-        }
         if let Some(cadastre) = &mut self.cadastre {
             cadastre.visit_paths(visit);
         }
@@ -176,21 +139,14 @@ impl SegmenterConfig {
         if !is_share(dip) {
             return refuse(format!("dip = {dip}"), "a difference of values from 0 to 1");
         }
-        if !is_share(self.above) || !is_share(self.min_score) || !(0.0..=0.5).contains(&self.overlap) {
-            let found = format!("above = {}, min_score = {}, overlap = {}", self.above, self.min_score, self.overlap);
-            return refuse(found, "shares from 0 to 1; the overlap from 0 to 0.5");
+        if !is_share(self.above) {
+            return refuse(format!("above = {}", self.above), "a share from 0 to 1");
         }
         if let Some(looks) = self.looks.filter(|looks| !matches!(looks, 1 | 2 | 4)) {
             return refuse(format!("looks = {looks}"), "1, 2 or 4 looks at each tile");
         }
         if let Some(pixel_m) = self.pixel_m.filter(|m| !(0.01..=10.0).contains(m)) {
             return refuse(format!("pixel_m = {pixel_m}"), "metres of ground per pixel, 0.01 to 10");
-        }
-        if self.pixel_m.is_some() && self.tile_px.is_some() {
-            return refuse("both `pixel_m` and `tile_px` are set".to_owned(), "either says how far photos are reduced");
-        }
-        if self.tile_px.is_some_and(|tile| tile < 16) {
-            return refuse("`tile_px` is below 16".to_owned(), "a tile is at least 16 pixels wide");
         }
         Ok(())
     }

@@ -32,6 +32,10 @@ use sizeup_geo::geodata::raster::RasterFile;
 use sizeup_heights::raster::Raster;
 use sizeup_survey::View;
 
+/// Least score of an instance, 0..1.
+const MIN_SCORE: f32 = 0.5;
+/// Share of a tile that overlaps the next one.
+const OVERLAP: f64 = 0.2;
 /// Least part of a map that is a building beside another one, as a share of the least building that is looked for.
 const PART_SHARE: f64 = 0.25;
 
@@ -49,7 +53,7 @@ impl ContourSource for Segmenter {
         }
         let geometry = self.geometry_of(view)?;
         let tile_px = self.tile_px(size, look.pixel_m);
-        let windows = tiles::tiles(size, tile_px, (self.config.overlap * tile_px as f64) as usize);
+        let windows = tiles::tiles(size, tile_px, (OVERLAP * tile_px as f64) as usize);
         let how = Vectorising {
             instances: Instances::ByLabel,
             min_area_px2: look.min_area_px2,
@@ -75,7 +79,7 @@ impl ContourSource for Segmenter {
                 let own_dip = if maps.len() == 5 { self.profile.valley } else { self.profile.dip };
                 let apart = Apart {
                     above: self.config.above,
-                    dip: self.config.dip.unwrap_or(own_dip),
+                    dip: own_dip,
                     least_px: (PART_SHARE * look.min_area_px2).ceil() as usize,
                 };
                 match <[Raster<f32>; 5]>::try_from(maps) {
@@ -99,7 +103,7 @@ impl ContourSource for Segmenter {
                         let score = presence * scores.as_ref().map_or(1.0, |s| s.get(i).copied().unwrap_or(0.0));
                         (map, score)
                     });
-                    let kept = scored.filter(|(_, score)| *score >= self.config.min_score);
+                    let kept = scored.filter(|(_, score)| *score >= MIN_SCORE);
                     joiner.add(tile, kept.map(|(map, score)| (at_photo_size(&map, tile), score)).collect());
                 }
                 let (labels, scores) = joiner.finish();

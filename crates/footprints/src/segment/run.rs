@@ -13,7 +13,7 @@ use crate::layer::FootprintError;
 use sizeup_geo::geodata::raster::{CellWindow, RasterFile, Resampling};
 use sizeup_heights::raster::Raster;
 use sizeup_photos::onnx::{Network, OnnxError, Tensor};
-use sizeup_photos::prior::{FilePriors, PriorError, PriorSource};
+use sizeup_photos::prior::{PriorError, PriorSource};
 use sizeup_survey::View;
 
 /// Gives depth to a network that takes it and has none from files.
@@ -33,12 +33,10 @@ pub(super) struct PhotoGeometry {
     pub(super) lean: Lean,
 }
 
-/// The input for depth, and where that comes from.
+/// The input for depth, and its source.
 struct Depth {
     name: String,
     source: Box<dyn PriorSource + Send + Sync>,
-    /// The setting that says so.
-    setting: &'static str,
 }
 
 /// A segmentation network, ready to run.
@@ -79,7 +77,7 @@ impl Segmenter {
     pub fn with_depth(config: SegmenterConfig, open: Option<OpenDepth<'_>>) -> Result<Self, FootprintError> {
         let profile = config.chosen()?;
         let refuse = |problem: String, hint: &str| FootprintError::Masks { problem, hint: hint.to_owned() };
-        config.check(config.dip.unwrap_or(profile.dip))?;
+        config.check(profile.dip)?;
         let network = match &config.model {
             Some(path) => Network::open(path)?,
             None => Network::built_in(small::IN_WORDS, small::ONNX)?,
@@ -133,26 +131,21 @@ impl Segmenter {
         }
         let given = |names: &[String]| port(names, network.inputs()).map(|p| p.name.clone());
         let lean = given(&profile.lean);
-        let depth = match (given(&profile.depth), &config.depth, open) {
-            (None, _, _) => None,
-            (Some(name), Some(files), _) => {
-                let files = FilePriors::new(files.clone(), [])
-                    .map_err(|e| refuse(format!("`depth`: {e}"), "as under [prior] with `source = \"files\"`"))?;
-                Some(Depth { name, source: Box::new(files), setting: "footprints.depth" })
-            }
-            (Some(name), None, Some(open)) => {
+        let depth = match (given(&profile.depth), open) {
+            (None, _) => None,
+            (Some(name), Some(open)) => {
                 let source = open().map_err(|e| {
                     refuse(
                         format!("{} takes depth, and [prior] gives none: {}", model.display(), without_hint(&e)),
-                        "`footprints.depth` may name files",
+                        "set [prior], or use a network without depth",
                     )
                 })?;
-                Some(Depth { name, source, setting: "[prior]" })
+                Some(Depth { name, source })
             }
-            (Some(name), None, None) => {
+            (Some(name), None) => {
                 return Err(refuse(
-                    format!("{} takes depth ({name:?}), and `depth` is not set", model.display()),
-                    "`depth = { path = \"priors/{stem}.npy\", kind = \"inverse_depth\" }`; or a network without depth",
+                    format!("{} takes depth ({name:?}), and there is none", model.display()),
+                    "use a network without depth",
                 ));
             }
         };
@@ -197,7 +190,7 @@ impl Segmenter {
             Some(depth) => {
                 let prior = depth.source.load(view).map_err(|e| ViewFault::Network {
                     problem: format!("its depth cannot be used: {}", without_hint(&e)),
-                    hint: format!("{} says where it is; photos that look straight down need it", depth.setting),
+                    hint: "[prior] sets where it is; photos that look straight down need it".to_owned(),
                 })?;
                 Some(relief(&prior))
             }
@@ -225,8 +218,7 @@ impl Segmenter {
         };
         let side = own.unwrap_or_else(first);
         let seen_m = self.config.pixel_m.or_else(|| self.is_built_in().then_some(small::PIXEL_M));
-        let reduced = || seen_m.map_or(side, |seen_m| tiles::reduced_side(side, photo, seen_m / pixel_m));
-        self.config.tile_px.unwrap_or_else(reduced)
+        seen_m.map_or(side, |seen_m| tiles::reduced_side(side, photo, seen_m / pixel_m))
     }
 
     /// Masks and, where there are any, scores of a tile, looked at turned over; masks are turned over as the tile was.

@@ -14,6 +14,7 @@ use crate::optimise::{
 };
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
+use crate::views::ViewKind;
 
 /// Rounds of splitting: each finds one more level of a building.
 const MAX_ROUNDS: usize = 2;
@@ -40,11 +41,12 @@ pub fn estimate_with(task: &Task<'_>, settings: &MethodSettings, solver: Solver<
 #[must_use]
 pub fn view_inputs(views: &[NamedCamera], optimise: &OptimiseConfig, scene: &Scene, moved_m: DVec3) -> Vec<ViewInput> {
     let is_in_metres = optimise.search.calibrate_on == CalibrationRays::None;
-    let takes_nadir = is_in_metres && !views.iter().any(NamedCamera::is_oblique);
+    let kind = ViewKind::for_heights(views.iter().map(NamedCamera::kind));
+    let measures = kind == ViewKind::Oblique || is_in_metres;
     let of = |view: &NamedCamera| {
         let pose = view.posed.camera_from_map.moved(moved_m);
         let placed = PlacedCamera::new(view.posed.camera.reduced_to(optimise.working_px), pose, scene.origin);
-        ViewInput::new(&view.name, placed, view.is_oblique() || (takes_nadir && view.is_nadir()))
+        ViewInput::new(&view.name, placed, measures && view.kind() == kind)
     };
     views.iter().map(of).collect()
 }

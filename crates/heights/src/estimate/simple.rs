@@ -16,6 +16,7 @@ use crate::prior::DepthPrior;
 use crate::raster::Raster;
 use crate::scene::HeightsConfig;
 use crate::terrain::Terrain;
+use crate::views::ViewKind;
 
 /// One photo: camera, pose, and the depth that a network or a matcher computes from it.
 #[derive(Debug, Clone)]
@@ -111,9 +112,8 @@ pub fn estimate_heights(
     let cameras: Vec<NamedCamera> = views.iter().map(named).collect();
     let highest_m = buildings.iter().map(|b| b.ground.reference_m).fold(f64::NEG_INFINITY, f64::max);
     let centre = |camera: &NamedCamera| camera.posed.camera_from_map.centre();
-    let has_oblique = cameras.iter().any(NamedCamera::is_oblique);
-    let measures = |camera: &&NamedCamera| if has_oblique { camera.is_oblique() } else { camera.is_nadir() };
-    let eyes = cameras.iter().filter(measures).map(|camera| centre(camera).z - highest_m);
+    let kind = ViewKind::for_heights(cameras.iter().map(NamedCamera::kind));
+    let eyes = cameras.iter().filter(|camera| camera.kind() == kind).map(|camera| centre(camera).z - highest_m);
     let clearance_m = eyes.fold(f64::INFINITY, f64::min).max(f64::from(settings.heights.min_m));
     let area = extent(buildings.iter().map(|building| &building.footprint));
     let origin =

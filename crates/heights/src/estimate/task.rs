@@ -14,7 +14,7 @@ use crate::prior::DepthPrior;
 use crate::raster::Raster;
 use crate::scene::HeightBounds;
 use crate::terrain::{GroundLevel, Terrain};
-use crate::views::NADIR_WITHIN_DEG;
+use crate::views::ViewKind;
 
 /// A building whose height is wanted.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,17 +35,10 @@ pub struct NamedCamera {
 }
 
 impl NamedCamera {
-    /// Whether it looks straight down, within 15°.
+    /// Nadir, oblique or upward.
     #[must_use]
-    pub fn is_nadir(&self) -> bool {
-        self.posed.camera_from_map.off_nadir_rad().to_degrees() <= NADIR_WITHIN_DEG
-    }
-
-    /// Whether depth priors of the photo are used: it looks down, by more than 15° from straight down.
-    #[must_use]
-    pub fn is_oblique(&self) -> bool {
-        let off_nadir_deg = self.posed.camera_from_map.off_nadir_rad().to_degrees();
-        off_nadir_deg > NADIR_WITHIN_DEG && off_nadir_deg < 90.0
+    pub fn kind(&self) -> ViewKind {
+        ViewKind::of(self.posed.camera_from_map.off_nadir_rad())
     }
 }
 

@@ -1,4 +1,4 @@
-//! Settings of the height optimisation: two presets, every constant a field.
+//! Settings of the height optimisation: two presets. Fields that no configuration sets are for studies and tests.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -34,8 +34,10 @@ pub struct OptimiseConfig {
     /// One ray per block of this many pixels squared (4: 9,400 rays in a 448 × 336 view).
     pub stride_px: usize,
     /// View selection; what is absent is the preset's own.
+    #[serde(skip)]
     pub views: ViewsSettings,
     /// The ordinal optimiser (`preset = "paper"`).
+    #[serde(skip)]
     pub ordinal: OrdinalConfig,
     /// The local search (`preset = "robust"`).
     pub search: SearchConfig,
@@ -73,7 +75,7 @@ impl OptimiseConfig {
 }
 
 /// Which part of the loss's derivative is followed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Gradient {
     /// Roofs get nearer as they rise; which pixels are roof is held fixed (what automatic differentiation sees).
@@ -87,7 +89,7 @@ pub enum Gradient {
 }
 
 /// Whether the derivative knows that the scale of a view's depths (their median absolute deviation) depends on the heights.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MadGradient {
     /// The scale is held fixed.
@@ -99,7 +101,7 @@ pub enum MadGradient {
 }
 
 /// Pixels of a view that are compared in order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Region {
     /// Pixels on buildings (the paper's Ω).
@@ -110,7 +112,7 @@ pub enum Region {
 }
 
 /// Loss over the pixels of a view.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Loss {
     /// The hinge over pairs of pixels (the paper's).
@@ -123,7 +125,7 @@ pub enum Loss {
 }
 
 /// After how much of the loss a step is made.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StepOn {
     /// The loss of one view, in a random order: as many steps per epoch as there are selected views.
@@ -135,7 +137,7 @@ pub enum StepOn {
 
 /// Settings of the ordinal optimiser (`SiZeUp`, "Objective function"). Defaults are the paper's where it states them (epochs,
 /// pairs, contrast, margin, refresh); what it leaves open says so.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OrdinalConfig {
     /// Passes over the selected views.
@@ -157,8 +159,6 @@ pub struct OrdinalConfig {
     pub min_contrast: f32,
     /// Margin of the hinge, in median absolute deviations (the paper's m).
     pub margin: f32,
-    /// Limit the margin to the pair's own prior contrast: min(m, |Δp|).
-    pub adaptive_margin: bool,
     /// Pixels of a view that are compared in order.
     pub region: Region,
     /// Which part of the derivative is followed. Left open.
@@ -189,7 +189,6 @@ impl Default for OrdinalConfig {
             n_pairs: 2048,
             min_contrast: 0.05,
             margin: 0.5,
-            adaptive_margin: false,
             region: Region::Buildings,
             gradient: Gradient::Interior,
             mad_gradient: MadGradient::Detached,
@@ -217,23 +216,38 @@ pub enum CalibrationRays {
     None,
 }
 
+/// Height that every building starts from, metres. Low: a tall start hides what stands behind it.
+pub(crate) const START_HEIGHT_M: f32 = 6.0;
+/// Log-spaced heights tried in a full sweep.
+pub(crate) const N_COARSE: usize = 48;
+/// Evenly spaced heights tried around the best one.
+pub(crate) const N_FINE: usize = 17;
+/// Half width of the first local sweep: a fixed part, metres.
+pub(crate) const LOCAL_HALF_WIDTH_M: f32 = 6.0;
+/// Half width of the first local sweep: a part of the height.
+pub(crate) const LOCAL_HALF_WIDTH_SHARE: f32 = 0.3;
+/// Ground around a building's pixels that is compared with them, pixels of the working image.
+pub(crate) const DILATE_PX: usize = 12;
+/// The same in the local sweeps and for roof forms.
+pub(crate) const LOCAL_DILATE_PX: usize = 8;
+/// The same there for priors in metres (`calibrate_on = "none"`), whose relief is exact: more.
+pub(crate) const METRIC_AGREEMENT_WEIGHT: f32 = 0.4;
+/// Greatest number of views a building is measured in.
+pub(crate) const MAX_VIEWS_PER_BUILDING: usize = 24;
+
 /// Settings of the local search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 #[expect(clippy::struct_excessive_bools, reason = "each switches a step of the search, whatever the others do")]
 pub struct SearchConfig {
-    /// Height that every building starts from, metres. Low: a tall start hides what stands behind it.
-    pub start_height_m: f32,
     /// Sweeps over the full range of heights.
+    #[serde(skip)]
     pub full_sweeps: usize,
     /// Sweeps close to the present height, after the full ones.
+    #[serde(skip)]
     pub local_sweeps: usize,
-    /// Number of the last local sweeps, which compare ranks only.
-    pub rank_sweeps: usize,
-    /// Local sweeps over all buildings after the forms of roofs are found, in which neighbours have theirs; the forms are found anew after
-    /// them. 0: only heights that are contested are looked for again beside roofs, all others are measured beside blocks.
-    pub roof_sweeps: usize,
     /// Whether depth edges that lie beside the walls they belong to are moved back, after the full sweeps.
+    #[serde(skip)]
     pub correct_edge_bleeding: bool,
     /// Whether it is measured, after the full sweeps, how far the footprint layer as a whole lies from where the photos show its
     /// buildings; where that is 0.75 m or more, heights are measured with the photos moved onto the footprints.
@@ -246,33 +260,22 @@ pub struct SearchConfig {
     /// Whether footprints that hold two roof levels (a tower on its podium) are split, after the full sweeps.
     pub split_levels: bool,
     /// Forms of roofs that are tried after the sweeps, besides the flat one. None: all are flat.
+    #[serde(skip)]
     pub roof_forms: Vec<RoofForm>,
-    /// Log-spaced heights tried in a full sweep.
-    pub n_coarse: usize,
-    /// Evenly spaced heights tried around the best one.
-    pub n_fine: usize,
-    /// Half width of the first local sweep: a fixed part, metres.
-    pub local_half_width_m: f32,
-    /// Half width of the first local sweep: a part of the height.
-    pub local_half_width_share: f32,
-    /// Ground around a building's pixels that is compared with them, pixels of the working image.
-    pub dilate_px: usize,
-    /// The same in the local sweeps and for roof forms.
-    pub local_dilate_px: usize,
     /// Weight of the agreement of roof pixels with the calibrated prior, against the correlation's 1. 0 = ordering only.
+    #[serde(skip)]
     pub agreement_weight: f32,
     /// The same in the local sweeps and for roof forms: less, as a prior's relief is less exact than its edges.
+    #[serde(skip)]
     pub local_agreement_weight: f32,
-    /// The same there for priors in metres (`calibrate_on = "none"`), whose relief is exact: more.
-    pub metric_agreement_weight: f32,
     /// Weight of the agreement added for surroundings that look wholly at what the scene does not have (buildings without
     /// a footprint): edges there are not to be trusted.
+    #[serde(skip)]
     pub unmodelled_agreement_weight: f32,
     /// Which rays bring a view's prior to metres: `all`, `ground`, or `none` for priors that are in metres, as stereo's are.
     pub calibrate_on: CalibrationRays,
-    /// Greatest number of views a building is measured in.
-    pub max_views_per_building: usize,
     /// Views are selected again after so many full sweeps.
+    #[serde(skip)]
     pub reselect_every: usize,
 }
 
@@ -288,7 +291,7 @@ impl SearchConfig {
     /// Weight of the agreement in local sweeps and for roof forms.
     pub(super) fn local_agreement(&self) -> f32 {
         match self.calibrate_on {
-            CalibrationRays::None => self.metric_agreement_weight,
+            CalibrationRays::None => METRIC_AGREEMENT_WEIGHT,
             CalibrationRays::All | CalibrationRays::Ground => self.local_agreement_weight,
         }
     }
@@ -297,29 +300,18 @@ impl SearchConfig {
 impl Default for SearchConfig {
     fn default() -> Self {
         Self {
-            start_height_m: 6.0,
             full_sweeps: 5,
             local_sweeps: 3,
-            rank_sweeps: 0,
-            roof_sweeps: 0,
             correct_edge_bleeding: true,
             measure_shift: true,
             measure_footprints: true,
             leave_out_vegetation: true,
             split_levels: true,
             roof_forms: vec![RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped, RoofForm::Mixed],
-            n_coarse: 48,
-            n_fine: 17,
-            local_half_width_m: 6.0,
-            local_half_width_share: 0.3,
-            dilate_px: 12,
-            local_dilate_px: 8,
             agreement_weight: 0.1,
             local_agreement_weight: 0.03,
-            metric_agreement_weight: 0.4,
             unmodelled_agreement_weight: 0.3,
             calibrate_on: CalibrationRays::default(),
-            max_views_per_building: 24,
             reselect_every: 3,
         }
     }

@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use super::config::SearchConfig;
 use super::roof::{self, RoofView, carries, distance_to_border, is_clear};
-use super::score::{Correlation, Scope};
+use super::score::Scope;
 use super::search::{SweepViews, ViewsOf, standing};
 use super::shift::{PeakSearch, evenly_around, lead_all_around};
 use crate::ray::Ray;
@@ -147,7 +147,7 @@ impl SettledScene<'_> {
         let Self { scene, views, config, .. } = *self;
         let (prism, height_m) = (&scene.prisms[building], self.heights_m[building]);
         let of_building = self.views_of[building].iter().filter_map(|&v| views[v].as_ref());
-        let scope = Scope::near(height_m + roof::REACH_M, config, Correlation::Linear);
+        let scope = Scope::near(height_m + roof::REACH_M);
         let scope = scope.without_crowns(standing(scene, of_building, building));
         let (mut seen, mut known) = (Vec::new(), Vec::new());
         for v in self.around(building) {
@@ -255,9 +255,8 @@ impl Member<'_> {
         let spacing_m = 2.0 * HEIGHTS_M / (N_HEIGHTS - 1) as f32;
         let low_m = (self.height_m - HEIGHTS_M).max(least_m);
         let at = |i: usize| low_m + spacing_m * i as f32;
-        let score = |height_m: f32| -> Vec<f64> {
-            self.views.iter().map(|v| v.window.score(height_m, v.weight, Correlation::Linear)).collect()
-        };
+        let score =
+            |height_m: f32| -> Vec<f64> { self.views.iter().map(|v| v.window.score(height_m, v.weight)).collect() };
         let totals: Vec<f64> = (0..N_HEIGHTS).map(|i| score(at(i)).iter().sum()).collect();
         let best = (1..N_HEIGHTS - 1).fold(1, |best, i| if totals[i] > totals[best] { i } else { best });
         let around = [totals[best - 1], totals[best], totals[best + 1]];

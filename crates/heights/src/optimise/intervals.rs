@@ -192,17 +192,6 @@ impl Intervals {
         }
         Kernel::new(simd, self.reference, height_m).at_depths(&self.blocks, &depths)
     }
-
-    /// Each interval that a height stops: position of its ray in the window, and its scaled inverse depth.
-    pub fn stopped_at(&self, height_m: f32) -> impl Iterator<Item = (u32, f32)> + '_ {
-        self.rays.iter().enumerate().filter_map(move |(i, &ray)| {
-            let b = &self.blocks[i / LANES];
-            let columns = [b.roof_at_zero, b.per_metre, b.after, b.before, b.enter];
-            let [at_zero, per_metre, after, before, enter] = columns.map(|lanes| lanes.get(i % LANES));
-            let roof = at_zero + per_metre * height_m;
-            (roof >= after && roof < before).then(|| (ray, self.reference / roof.max(enter) - 1.0))
-        })
-    }
 }
 
 /// The loops, with what is the same for all intervals.

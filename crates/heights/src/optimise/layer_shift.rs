@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use super::config::SearchConfig;
 use super::evidence::Evidence;
-use super::search::{Finding, Range, SearchPass, SweepView, SweepViews, find_roofs, sweep};
+use super::search::{Finding, Range, SweepView, SweepViews, find_roofs, sweep};
 use super::shift::{PeakSearch, evenly_around, lead_all_around};
 use super::solve::{Problem, ViewInput};
 use crate::render::profile::{CappedScene, Profiles};
@@ -266,8 +266,7 @@ impl<'a> ShiftTrial<'a> {
         };
         let sweep_views: Vec<_> = (0..views.len()).into_par_iter().map(sweep_view).collect();
         let range = Range::Local { share: 1.0 };
-        let found =
-            sweep(scene, &sweep_views, &self.views_of, &start_m, |_| true, SearchPass::linear(range), self.config);
+        let found = sweep(scene, &sweep_views, &self.views_of, &start_m, |_| true, range, self.config);
         look(&sweep_views, &found)
     }
 }

@@ -7,9 +7,9 @@ use glam::Vec2;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::config::SearchConfig;
+use super::config::{MAX_VIEWS_PER_BUILDING, SearchConfig};
 use super::roof::{RoofView, carries, is_clear};
-use super::score::{Correlation, Scope};
+use super::score::Scope;
 use super::search::{SweepView, SweepViews, ViewsOf, standing};
 use super::two_levels::{AlignedFootprint, N_MORE, PatternStep, TwoLevelLimits, TwoLevelView, TwoLevels};
 use crate::scene::{HeightBounds, Prism, Scene};
@@ -94,10 +94,10 @@ pub(super) fn find(
             return None;
         }
         // A tall roof as large as the footprint leaves most images: what stands below it may be seen in them still.
-        let at_foot = (views_of[building].len() < MIN_VIEWS).then(|| views_of_foot(scene, views, building, config));
+        let at_foot = (views_of[building].len() < MIN_VIEWS).then(|| views_of_foot(scene, views, building));
         let of_building = at_foot.as_ref().unwrap_or(&views_of[building]);
         let standing = standing(scene, of_building.iter().filter_map(|&v| views[v].as_ref()), building);
-        let scope = Scope::whole(config, Correlation::Linear).without_crowns(standing);
+        let scope = Scope::whole().without_crowns(standing);
         let plan = AlignedFootprint::new(prism, TwoLevelLimits { heights: scene.bounds, side_m: MIN_SIDE_M });
         let views: Vec<RoofView<'_>> = of_building
             .iter()
@@ -114,7 +114,7 @@ pub(super) fn find(
 }
 
 /// Views that show the whole footprint where it stands on the ground.
-fn views_of_foot(scene: &Scene, views: SweepViews<'_>, building: usize, config: &SearchConfig) -> Vec<usize> {
+fn views_of_foot(scene: &Scene, views: SweepViews<'_>, building: usize) -> Vec<usize> {
     let prism = &scene.prisms[building];
     let foot = prism.centre_at(prism.ground_z).as_dvec3();
     let shows_foot = |view: &SweepView<'_>| corners_inside(prism, view.placed, prism.ground_z) == 1.0;
@@ -123,7 +123,7 @@ fn views_of_foot(scene: &Scene, views: SweepViews<'_>, building: usize, config: 
         let n_rays = view.evidence.rays_of(building as u32).len();
         (v, (view.placed.eye() - foot).truncate(), std::cmp::Reverse(n_rays))
     });
-    in_turn(ranked, config.max_views_per_building)
+    in_turn(ranked, MAX_VIEWS_PER_BUILDING)
 }
 
 /// Where one level for the whole footprint is looked for.

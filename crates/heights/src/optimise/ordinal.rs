@@ -66,7 +66,7 @@ impl OrderVote {
     /// From two normalised priors; `None` where their contrast is too weak.
     pub fn of(d_p: f32, d_q: f32, config: &OrdinalConfig) -> Option<Self> {
         let order = DepthOrder::from_prior(d_p, d_q, config.min_contrast)?;
-        let margin = if config.adaptive_margin { config.margin.min((d_q - d_p).abs()) } else { config.margin };
+        let margin = config.margin;
         Some(Self { order, margin })
     }
 

@@ -13,7 +13,7 @@ use super::config::SearchConfig;
 use super::evidence::Evidence;
 use super::mixed;
 use super::pitched::{self, PitchedShape};
-use super::score::{Correlation, Window};
+use super::score::Window;
 use super::stepped;
 use super::two_levels::N_MORE;
 use crate::render::PlacedCamera;
@@ -327,9 +327,8 @@ pub(super) fn find<'a>(
     if near.len() < MIN_VIEWS {
         return Judged::default();
     }
-    let flat_in = |views: &[RoofView<'_>]| -> Vec<f64> {
-        views.iter().map(|v| v.window.score(height_m, v.weight, Correlation::Linear)).collect()
-    };
+    let flat_in =
+        |views: &[RoofView<'_>]| -> Vec<f64> { views.iter().map(|v| v.window.score(height_m, v.weight)).collect() };
     let flat = flat_in(near);
     let whole = LazyCell::new(|| {
         let views = whole();

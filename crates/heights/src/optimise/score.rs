@@ -27,11 +27,9 @@ const FLAT: f64 = 1e-9;
 /// Height from which something that stands out from the ground around a building is not in the scene, metres, and the same in
 /// standard deviations of the prior on open ground: the greater one counts. Hedges, cars and sheds raise the ground that a roof is
 /// compared with. At 3 m and 3 deviations mean errors were .94 m over a LiDAR surface with trees, .36 m in a simulated village and
-/// .46 m over roofs of Rotterdam without anything else; so they are .84, .30 and .49 m.
+/// .46 m over roofs of Rotterdam without anything else; with these they are .84, .30 and .49 m.
 const UNMODELLED_M: f64 = 1.0;
 const UNMODELLED_SIGMAS: f64 = 1.5;
-/// Ranks are resolved to this many steps of the residuals' range.
-const RANK_BINS: usize = 2048;
 
 /// One building in one view.
 #[derive(Debug)]
@@ -48,24 +46,12 @@ pub struct Window {
     calibration: Option<Calibration>,
     /// Height of the building's ground above the camera, metres.
     ground_above_eye_m: f32,
-    /// Ranks of the prior's residual, centred; filled for rank scores only.
-    p_ranks: Vec<f32>,
-    p_rank_norm: f64,
     /// Inverse of the Gram matrix of `[1, x, y]`.
     gram_inverse: [[f64; 3]; 3],
     p_norm_squared: f64,
     base: Sums,
     /// Share of the surroundings that look at something the scene does not have, 0..1.
     pub unmodelled: f32,
-}
-
-/// Which correlation is asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Correlation {
-    /// Correlation of the residuals themselves.
-    Linear,
-    /// Correlation of their ranks: purely ordinal.
-    Rank,
 }
 
 /// Questions that will be asked of a window, and so the rays it takes.
@@ -78,8 +64,6 @@ pub struct Scope {
     pub up_to_m: f32,
     /// Ground around the building's pixels that is taken in, pixels of the working image.
     pub dilate_px: usize,
-    /// Which correlation will be asked for.
-    pub correlation: Correlation,
     /// Whether what is green and stands above the ground is no part of the building.
     pub leave_out_crowns: bool,
 }
@@ -133,10 +117,6 @@ impl Window {
         let PlaneResiduals { gram_inverse, residual: p, norm_squared: p_norm_squared } =
             PlaneResiduals::taken_out(&raw, &x, &y)?;
 
-        let (p_ranks, p_rank_norm) = match scope.correlation {
-            Correlation::Linear => (Vec::new(), 0.0),
-            Correlation::Rank => centred_ranks(&p),
-        };
         let mut window = Self {
             intervals: Intervals::relative_to(reference),
             rays,
@@ -147,8 +127,6 @@ impl Window {
             p,
             calibration,
             ground_above_eye_m: ground_z - profiles.eye_z,
-            p_ranks,
-            p_rank_norm,
             gram_inverse,
             p_norm_squared,
             base: Sums::default(),
@@ -229,13 +207,9 @@ impl Window {
 
     /// ρ and weighted agreement for one height above ground, metres; ρ is 0 where the view cannot tell.
     #[must_use]
-    pub fn score(&self, height_m: f32, agreement_weight: f64, correlation: Correlation) -> f64 {
+    pub fn score(&self, height_m: f32, agreement_weight: f64) -> f64 {
         let sums = self.intervals.at(height_m);
-        let order = match correlation {
-            Correlation::Linear => self.correlation(&sums),
-            Correlation::Rank => self.rank(height_m, &sums),
-        };
-        order + agreement_weight * sums.agreement()
+        self.correlation(&sums) + agreement_weight * sums.agreement()
     }
 
     /// The same for a roof of any form over [`Self::own_stretches`]. `height_m` sets the agreement's tolerance.
@@ -262,23 +236,6 @@ impl Window {
 
     fn plane_sums(&self, change: &Sums) -> [f64; 3] {
         [self.base.v + change.v, self.base.vx + change.vx, self.base.vy + change.vy]
-    }
-
-    fn rank(&self, height_m: f32, change: &Sums) -> f64 {
-        let plane = apply(&self.gram_inverse, &self.plane_sums(change)).map(|b| b as f32);
-        let mut v = self.v.clone();
-        for (ray, value) in self.intervals.stopped_at(height_m) {
-            v[ray as usize] = value;
-        }
-        for (value, (x, y)) in v.iter_mut().zip(self.x.iter().zip(&self.y)) {
-            *value -= plane[0] + plane[1] * x + plane[2] * y;
-        }
-        let (ranks, norm) = centred_ranks(&v);
-        if norm * self.p_rank_norm == 0.0 {
-            return 0.0;
-        }
-        let product: f64 = ranks.iter().zip(&self.p_ranks).map(|(a, b)| f64::from(a * b)).sum();
-        product / (norm * self.p_rank_norm)
     }
 }
 
@@ -407,31 +364,6 @@ impl PlaneResiduals {
         let [norm_squared] = sums(n, |i| [f64::from(residual[i]).powi(2)]);
         (norm_squared > FLAT).then_some(Self { gram_inverse, residual, norm_squared })
     }
-}
-
-/// Ranks by counting in [`RANK_BINS`] steps of the range, ties sharing their mean rank, centred on 0; and their norm.
-fn centred_ranks(values: &[f32]) -> (Vec<f32>, f64) {
-    let (low, high) =
-        values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &v| (low.min(v), high.max(v)));
-    let per_bin = if high > low { (RANK_BINS - 1) as f32 / (high - low) } else { 0.0 };
-    let bin_of = |v: f32| ((v - low) * per_bin) as usize;
-    let mut counts = [0_u32; RANK_BINS];
-    for &v in values {
-        counts[bin_of(v)] += 1;
-    }
-    let centre = 0.5 * (values.len() as f32 - 1.0);
-    let mut below = 0;
-    let rank_of_bin: Vec<f32> = counts
-        .iter()
-        .map(|&count| {
-            let rank = below as f32 + 0.5 * (count as f32 - 1.0) - centre;
-            below += count;
-            rank
-        })
-        .collect();
-    let ranks: Vec<f32> = values.iter().map(|&v| rank_of_bin[bin_of(v)]).collect();
-    let norm = ranks.iter().map(|&r| f64::from(r).powi(2)).sum::<f64>().sqrt();
-    (ranks, norm)
 }
 
 fn apply(m: &[[f64; 3]; 3], v: &[f64; 3]) -> [f64; 3] {

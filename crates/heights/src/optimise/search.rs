@@ -11,11 +11,14 @@
 use rayon::prelude::*;
 
 use super::calibrate::Calibration;
-use super::config::{CalibrationRays, SearchConfig};
+use super::config::{
+    CalibrationRays, DILATE_PX, LOCAL_DILATE_PX, LOCAL_HALF_WIDTH_M, LOCAL_HALF_WIDTH_SHARE, N_COARSE, N_FINE,
+    START_HEIGHT_M, SearchConfig,
+};
 use super::evidence::Evidence;
 use super::peak::ScoreCurve;
 use super::roof::{self, Judged, RoofView};
-use super::score::{Correlation, Scope, Window};
+use super::score::{Scope, Window};
 use super::vegetation::Standing;
 use crate::render::PlacedCamera;
 use crate::render::profile::Stops;
@@ -38,23 +41,6 @@ pub enum Range {
         /// 1 for the first local sweep, less for later ones.
         share: f32,
     },
-}
-
-/// One pass of the search over all buildings.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SearchPass {
-    /// The heights that it tries.
-    pub range: Range,
-    /// By what it compares.
-    pub correlation: Correlation,
-}
-
-impl SearchPass {
-    /// Over some heights, by the values themselves.
-    #[must_use]
-    pub fn linear(range: Range) -> Self {
-        Self { range, correlation: Correlation::Linear }
-    }
 }
 
 /// Finding of a sweep for one building.
@@ -84,13 +70,13 @@ pub struct Finding {
 
 impl Scope {
     /// All heights, with all that they could hide.
-    pub(super) fn whole(config: &SearchConfig, correlation: Correlation) -> Self {
-        Self { up_to_m: f32::INFINITY, dilate_px: config.dilate_px, correlation, leave_out_crowns: false }
+    pub(super) fn whole() -> Self {
+        Self { up_to_m: f32::INFINITY, dilate_px: DILATE_PX, leave_out_crowns: false }
     }
 
     /// Heights up to one not far above the present.
-    pub(super) fn near(up_to_m: f32, config: &SearchConfig, correlation: Correlation) -> Self {
-        Self { up_to_m, dilate_px: config.local_dilate_px, correlation, leave_out_crowns: false }
+    pub(super) fn near(up_to_m: f32) -> Self {
+        Self { up_to_m, dilate_px: LOCAL_DILATE_PX, leave_out_crowns: false }
     }
 
     /// Without the crowns of trees, where these stand over a building.
@@ -127,7 +113,7 @@ impl<'a> SweepView<'a> {
         let calibration = match config.calibrate_on {
             CalibrationRays::All => Calibration::fit(evidence, &stops, CalibrationRays::All),
             CalibrationRays::Ground => *evidence.on_ground.get_or_init(|| {
-                let roofs = scene.roofs(&vec![config.start_height_m; scene.prisms.len()]);
+                let roofs = scene.roofs(&vec![START_HEIGHT_M; scene.prisms.len()]);
                 Calibration::fit(evidence, &evidence.profiles.stops(&roofs), CalibrationRays::Ground)
             }),
             CalibrationRays::None => Some(Calibration::IN_METRES),
@@ -147,10 +133,10 @@ impl<'a> SweepView<'a> {
         config: &SearchConfig,
     ) -> Vec<f64> {
         let highest_m = heights_m.iter().copied().fold(0.0, f32::max);
-        let scope = Scope::near(highest_m, config, Correlation::Linear).without_crowns(standing);
+        let scope = Scope::near(highest_m).without_crowns(standing);
         let Some(window) = self.window(scene, building, scope) else { return Vec::new() };
         let weight = window.agreement_weight(config.local_agreement(), config);
-        let score = |h: &f32| window.score(*h, weight, Correlation::Linear);
+        let score = |h: &f32| window.score(*h, weight);
         heights_m.iter().map(score).collect()
     }
 
@@ -200,10 +186,9 @@ pub fn sweep(
     views_of: ViewsOf<'_>,
     heights_m: &[f32],
     is_asked: impl Fn(usize) -> bool + Sync,
-    pass: SearchPass,
+    range: Range,
     config: &SearchConfig,
 ) -> Vec<Option<Finding>> {
-    let SearchPass { range, correlation } = pass;
     let find = |b: usize| {
         if !is_asked(b) {
             return None;
@@ -213,19 +198,19 @@ pub fn sweep(
             let scope = scope.without_crowns(standing);
             let of_building = views_of[b].iter().filter_map(|&v| Some((v, views[v].as_ref()?)));
             let windows = of_building.filter_map(|(v, view)| Some((v, view.window(scene, b, scope)?))).collect();
-            BuildingWindows::new(windows, range, correlation, config)
+            BuildingWindows::new(windows, range, config)
         };
-        let whole = || look(Scope::whole(config, correlation));
+        let whole = || look(Scope::whole());
         let Range::Local { share } = range else {
-            return whole().map(|looked| looked.found(full(scene.bounds, config, |h| looked.scores(h)), scene.bounds));
+            return whole().map(|looked| looked.found(full(scene.bounds, |h| looked.scores(h)), scene.bounds));
         };
-        let (low, high) = around(heights_m[b], share, scene.bounds, config);
+        let (low, high) = around(heights_m[b], share, scene.bounds);
         let scan = |looked: &BuildingWindows| {
-            looked.found(scan(low, high, config.n_fine, scene.bounds, |h| looked.scores(h)), scene.bounds)
+            looked.found(scan(low, high, N_FINE, scene.bounds, |h| looked.scores(h)), scene.bounds)
         };
         // A score that still rises where the interval ends would go on rising sweep by sweep, as over trees around a low
         // block: then what the building could hide farther up has a say too.
-        let near = look(Scope::near(high, config, correlation)).map(|looked| scan(&looked));
+        let near = look(Scope::near(high)).map(|looked| scan(&looked));
         near.filter(|finding| !finding.at_end).or_else(|| whole().map(|looked| scan(&looked)))
     };
     (0..scene.prisms.len()).into_par_iter().map(find).collect()
@@ -237,24 +222,18 @@ struct BuildingWindows {
     windows: Vec<Window>,
     /// Weights of the agreement in each window.
     weights: Vec<f64>,
-    correlation: Correlation,
 }
 
 impl BuildingWindows {
     /// The views with the weights of their agreement; `None` where no view has a window.
-    fn new(
-        windows: Vec<(usize, Window)>,
-        range: Range,
-        correlation: Correlation,
-        config: &SearchConfig,
-    ) -> Option<Self> {
+    fn new(windows: Vec<(usize, Window)>, range: Range, config: &SearchConfig) -> Option<Self> {
         let (views, windows): (Vec<usize>, Vec<Window>) = windows.into_iter().unzip();
         let agreement_weight = match range {
             Range::Full => config.agreement_weight,
             Range::Local { .. } => config.local_agreement(),
         };
         let weights = windows.iter().map(|w| w.agreement_weight(agreement_weight, config)).collect();
-        (!windows.is_empty()).then_some(Self { views, windows, weights, correlation })
+        (!windows.is_empty()).then_some(Self { views, windows, weights })
     }
 
     /// A finding with the views' part in it.
@@ -275,14 +254,14 @@ impl BuildingWindows {
 
     /// Score of a height, metres above the ground level, in each view, in their order.
     fn scores(&self, height_m: f32) -> Vec<f64> {
-        let score = |(w, weight): (&Window, &f64)| w.score(height_m, *weight, self.correlation);
+        let score = |(w, weight): (&Window, &f64)| w.score(height_m, *weight);
         self.windows.iter().zip(&self.weights).map(score).collect()
     }
 }
 
 /// The interval of heights that a local sweep tries, metres.
-pub(super) fn around(at_m: f32, share: f32, bounds: HeightBounds, config: &SearchConfig) -> (f32, f32) {
-    let half_width = share * (config.local_half_width_m + config.local_half_width_share * at_m);
+pub(super) fn around(at_m: f32, share: f32, bounds: HeightBounds) -> (f32, f32) {
+    let half_width = share * (LOCAL_HALF_WIDTH_M + LOCAL_HALF_WIDTH_SHARE * at_m);
     ((at_m - half_width).max(bounds.min_m), (at_m + half_width).min(bounds.max_m))
 }
 
@@ -306,22 +285,22 @@ pub(super) fn find_roofs(
             let of_building = views_of[b].iter().filter_map(|&v| views[v].as_ref());
             of_building.filter_map(|v| v.roof_view(scene, b, scope, config)).collect()
         };
-        let near = seen(Scope::near(heights_m[b] + roof::REACH_M, config, Correlation::Linear));
-        let whole = || seen(Scope::whole(config, Correlation::Linear));
+        let near = seen(Scope::near(heights_m[b] + roof::REACH_M));
+        let whole = || seen(Scope::whole());
         Some(roof::find(&scene.prisms[b], scene.bounds, heights_m[b], config, &near, whole))
     };
     (0..scene.prisms.len()).into_par_iter().map(find).collect()
 }
 
-fn full(bounds: HeightBounds, config: &SearchConfig, score: impl Fn(f32) -> Vec<f64>) -> Finding {
-    let n = config.n_coarse.max(3);
+fn full(bounds: HeightBounds, score: impl Fn(f32) -> Vec<f64>) -> Finding {
+    let n = N_COARSE;
     let ratio = bounds.max_m / bounds.min_m;
     let coarse: Vec<f32> = (0..n).map(|i| bounds.min_m * ratio.powf(i as f32 / (n - 1) as f32)).collect();
     let totals: Vec<f64> = coarse.iter().map(|&h| score(h).iter().sum()).collect();
     let best = argmax(&totals);
     let low = coarse[best.saturating_sub(1)];
     let high = coarse[(best + 1).min(n - 1)];
-    let fine = scan(low, high, config.n_fine, bounds, &score);
+    let fine = scan(low, high, N_FINE, bounds, &score);
     let fall = totals.iter().copied().fold(f64::INFINITY, f64::min);
     let n_views = fine.n_views as f64;
     let whole = ScoreCurve(coarse.into_iter().zip(totals.iter().map(|total| total / n_views)).collect());

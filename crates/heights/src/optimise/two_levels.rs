@@ -19,7 +19,7 @@ use glam::{Mat2, Vec2};
 
 use super::intervals::RoofIntersection;
 use super::roof::{RoofView, grid, smallest_rectangle};
-use super::score::{Correlation, Window};
+use super::score::Window;
 use crate::ray::Ray;
 use crate::scene::{HeightBounds, Prism};
 use crate::simd::{LANES, Lanes};
@@ -225,7 +225,7 @@ impl<'a> TwoLevelView<'a> {
 
     /// The score of one level, metres above the building's ground.
     pub fn one_level(&self, height_m: f32) -> f64 {
-        self.window.score(height_m, self.weight, Correlation::Linear)
+        self.window.score(height_m, self.weight)
     }
 
     pub fn two_levels(&self, levels: &TwoLevels) -> f64 {

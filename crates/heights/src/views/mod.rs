@@ -10,23 +10,20 @@
 //! ([`Choice::Each`]), or views are drawn ([`Choice::Random`]), gate, spread and cover have no part.
 
 mod each;
+mod kind;
 mod select;
 mod visibility;
 
 pub use each::{CandidateView, from_all_sides, in_turn, select_each};
+pub use kind::{NADIR_WITHIN_DEG, ViewKind};
 pub use select::{Selection, drawn, select};
 pub(crate) use visibility::corners_inside;
 pub use visibility::{ViewSight, Visibility, visibility};
 
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Off-nadir angle, degrees, up to which a view counts as nadir: footprints come from nadir views, heights from oblique ones
-/// (`SiZeUp`, "Data preparation").
-pub const NADIR_WITHIN_DEG: f64 = 15.0;
-
 /// Who chooses the views.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Choice {
     /// One choice for the whole scene, of as few views as will do (the paper's).
@@ -89,33 +86,26 @@ impl ViewsConfig {
 }
 
 /// Settings of the view selection; what is absent is the preset's own.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ViewsSettings {
     /// Who chooses: `cover` (the whole scene at once; `paper`), `each` (every building for itself; `robust`) or `random`
     /// (`n_spread` views, to compare with).
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub choice: Option<Choice>,
     /// Views kept by farthest point sampling (the paper's #Sel: 50, 100 or 256; here 50), or drawn at random.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub n_spread: Option<usize>,
     /// Drop views below this percentile of `Q_N` or `Q_A`, taken over the oblique views that have a prior, 0..100 (paper: 50;
     /// robust: 0, no gate).
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub gate_percentile: Option<f64>,
     /// Views that each building should be seen from (paper: 3; robust: 24).
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub min_views_per_building: Option<usize>,
     /// Sampled rays on a building from which it counts as seen (paper: 1, unstated; robust: 4).
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub min_rays: Option<usize>,
     /// Share of a building's roof corners that must lie inside the image for the view to count, 0..1 (paper: 0, unstated;
     /// robust: 0.5).
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub min_corners_inside: Option<f64>,
     /// Weight of the viewing direction against the position in the spread, 0 = position only (0.5; the paper does not
     /// state it).
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub direction_weight: Option<f64>,
 }
 

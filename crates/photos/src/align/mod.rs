@@ -92,6 +92,8 @@ const PATCHES_PER_SIDE: usize = 14;
 const MIN_SCORE: f32 = 0.75;
 /// How far below the lowest ground in a photo points may be, metres.
 const BELOW_GROUND_M: f64 = 5.0;
+/// Highest roof above the highest ground in a photo, metres. Above 0.
+pub(crate) const MAX_HEIGHT_M: f64 = 60.0;
 
 /// How poses are brought to agree with the photos.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -112,8 +114,6 @@ pub struct AlignConfig {
     /// Expected error of the given focal lengths, percent, 0 to 20. 0: cameras are calibrated, and stay as they are. Above 0 focal
     /// length and radial distortion are found too, one of each for all photos of a camera.
     pub focal_sigma_percent: f64,
-    /// Highest roof above the highest ground in a photo, metres. Above 0.
-    pub max_height_m: f64,
 }
 
 impl Default for AlignConfig {
@@ -124,7 +124,6 @@ impl Default for AlignConfig {
             position_sigma_m: 0.3,
             angle_sigma_deg: 0.5,
             focal_sigma_percent: 0.0,
-            max_height_m: 60.0,
         }
     }
 }
@@ -136,7 +135,6 @@ impl AlignConfig {
             ("position_sigma_m", (0.001..=10.0).contains(&self.position_sigma_m), "0.001 to 10 m"),
             ("angle_sigma_deg", (0.001..=5.0).contains(&self.angle_sigma_deg), "0.001 to 5 degrees"),
             ("focal_sigma_percent", (0.0..=20.0).contains(&self.focal_sigma_percent), "0 to 20 percent"),
-            ("max_height_m", self.max_height_m.is_finite() && self.max_height_m > 0.0, "above 0 m"),
         ];
         match in_range.iter().find(|(_, is_fine, _)| !is_fine) {
             None => Ok(()),
@@ -292,8 +290,7 @@ impl<'a> PhotoBlock<'a> {
         let (stations, sigmas) = (&self.bundle.stations, self.bundle.sigmas);
         let largest_px = f64::from(self.config.long_side_px.min(self.largest_px()));
         let within_px = self.within_px.map(|px| px * f64::from(size.long_side_px) / largest_px);
-        TrackSearch::new(&self.views, stations, self.neighbours, self.config, sigmas, size.long_side_px)
-            .within(within_px)
+        TrackSearch::new(&self.views, stations, self.neighbours, sigmas, size.long_side_px).within(within_px)
     }
 
     /// Matches and adjusts at one size.

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::bundle::{Sighting, Sigmas, Station, Track};
 use super::matching::{PhotoPair, PosedImage, Where};
 use super::patches::{corner_near, corners};
-use super::{AlignConfig, BELOW_GROUND_M, MIN_SCORE, PATCHES_PER_SIDE};
+use super::{BELOW_GROUND_M, MAX_HEIGHT_M, MIN_SCORE, PATCHES_PER_SIDE};
 use crate::prior::{Album, PriorError};
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::camera::Camera;
@@ -35,7 +35,6 @@ pub(super) struct TrackSearch<'a> {
     views: &'a [View],
     stations: &'a [Station],
     neighbours: &'a [Vec<usize>],
-    config: &'a AlignConfig,
     sigmas: Sigmas,
     album: Album,
     /// How far beside their lines patches are looked for at most, pixels; absent: as far as the poses may be off.
@@ -47,19 +46,10 @@ impl<'a> TrackSearch<'a> {
         views: &'a [View],
         stations: &'a [Station],
         neighbours: &'a [Vec<usize>],
-        config: &'a AlignConfig,
         sigmas: Sigmas,
         long_side_px: u32,
     ) -> Self {
-        Self {
-            views,
-            stations,
-            neighbours,
-            config,
-            sigmas,
-            album: Album::new(long_side_px, ALBUM_BYTES),
-            within_px: None,
-        }
+        Self { views, stations, neighbours, sigmas, album: Album::new(long_side_px, ALBUM_BYTES), within_px: None }
     }
 
     /// The same, with patches looked for no farther beside their lines than so many pixels.
@@ -169,7 +159,7 @@ impl<'a> TrackSearch<'a> {
             }
         }
         let [low, high] = range?;
-        let to_m = (high + self.config.max_height_m).min(centre.z - BESIDE_CAMERA_SHARE * (centre.z - high));
+        let to_m = (high + MAX_HEIGHT_M).min(centre.z - BESIDE_CAMERA_SHARE * (centre.z - high));
         let from_m = low - BELOW_GROUND_M;
         (to_m > from_m).then_some([from_m, to_m])
     }

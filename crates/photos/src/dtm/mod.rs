@@ -31,6 +31,18 @@ use sizeup_geo::terrain::{Dem, DemError, MapBox, Terrain};
 use sizeup_heights::photo_consistency::{FLATTEST, choose};
 use sizeup_heights::picture::{Picture, PosedCamera};
 use sizeup_survey::{View, Viewpoints};
+/// Side of a square, metres. Above 0.
+pub(crate) const PATCH_M: f64 = 6.0;
+/// Squares keep this far from footprints, metres. At least 0.
+pub(crate) const CLEAR_M: f64 = 1.5;
+/// Most photos that a square is seen in, at least 3.
+pub(crate) const N_VIEWS: usize = 8;
+/// Longer side that photos are reduced to, pixels.
+pub const LONG_SIDE_PX: u32 = 2400;
+/// Least correlation of a square that counts, 0..1.
+pub(crate) const MIN_SCORE: f64 = 0.6;
+/// By how much it has to be better than at any other height.
+pub(crate) const MIN_MARGIN: f64 = 0.1;
 
 /// How the ground is found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -42,38 +54,15 @@ pub struct DtmConfig {
     pub within_m: f64,
     /// From one square to the next, metres. Above 0.
     pub spacing_m: f64,
-    /// Side of a square, metres. Above 0.
-    pub patch_m: f64,
-    /// Squares keep this far from footprints, metres. At least 0.
-    pub clear_m: f64,
     /// Cells of the model, metres. Above 0.
     pub cell_m: f64,
     /// How far beyond the footprints the model reaches, metres. At least 0.
     pub margin_m: f64,
-    /// Most photos that a square is seen in, at least 3.
-    pub n_views: usize,
-    /// Longer side that photos are reduced to, pixels.
-    pub long_side_px: u32,
-    /// Least correlation of a square that counts, 0..1.
-    pub min_score: f64,
-    /// By how much it has to be better than at any other height.
-    pub min_margin: f64,
 }
 
 impl Default for DtmConfig {
     fn default() -> Self {
-        Self {
-            within_m: 15.0,
-            spacing_m: 12.0,
-            patch_m: 6.0,
-            clear_m: 1.5,
-            cell_m: 5.0,
-            margin_m: 100.0,
-            n_views: 8,
-            long_side_px: 2400,
-            min_score: 0.6,
-            min_margin: 0.1,
-        }
+        Self { within_m: 15.0, spacing_m: 12.0, cell_m: 5.0, margin_m: 100.0 }
     }
 }
 
@@ -266,15 +255,15 @@ pub fn off_by(
         .into_iter()
         .filter_map(|at| Some(at.extend(rough.height_at(at.x, at.y)?)))
         .collect();
-    let album = Album::new(config.long_side_px, PICTURE_BYTES);
+    let album = Album::new(LONG_SIDE_PX, PICTURE_BYTES);
     let n_done = std::sync::atomic::AtomicUsize::new(0);
     // A square with its position among the places, searched around a level above the rough terrain.
     let look = |i: usize, level_m: f64, within_m: f64| {
         let near = places[i] + level_m * DVec3::Z;
-        let chosen = choose(&cameras, near, config.n_views, FLATTEST, |_| true);
+        let chosen = choose(&cameras, near, N_VIEWS, FLATTEST, |_| true);
         let seen_in: Vec<_> = chosen.iter().map(|&view| album.picture(with_photo[view])).collect::<Result<_, _>>()?;
         let seen_in: Vec<&Picture> = seen_in.iter().map(|picture: &Arc<Picture>| &**picture).collect();
-        let outcome = patch::height(&seen_in, near, within_m, config);
+        let outcome = patch::height(&seen_in, near, within_m);
         let square = GroundSquare { at: near.truncate(), outcome };
         Ok((i, square.raised(-places[i].z)))
     };
@@ -324,12 +313,7 @@ fn by_block(places: &[DVec3]) -> Vec<usize> {
 }
 
 fn check(config: &DtmConfig) -> Result<(), DtmError> {
-    let above_0 = [
-        ("within_m", config.within_m),
-        ("spacing_m", config.spacing_m),
-        ("patch_m", config.patch_m),
-        ("cell_m", config.cell_m),
-    ];
+    let above_0 = [("within_m", config.within_m), ("spacing_m", config.spacing_m), ("cell_m", config.cell_m)];
     match above_0.into_iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
         None => Ok(()),
         Some((field, value)) => Err(DtmError::Config { field, value, expected: "above 0" }),
@@ -344,7 +328,7 @@ fn places(area: MapBox, footprints: &[&Polygon<f64>], config: &DtmConfig) -> Vec
         Some(GeomWithData::new(rectangle, i))
     });
     let tree: RTree<GeomWithData<Rectangle<[f64; 2]>, usize>> = RTree::bulk_load(boxes.collect());
-    let reach_m = config.patch_m * std::f64::consts::FRAC_1_SQRT_2 + config.clear_m;
+    let reach_m = PATCH_M * std::f64::consts::FRAC_1_SQRT_2 + CLEAR_M;
     let is_open = |at: &DVec2| {
         let mut close = tree.locate_within_distance([at.x, at.y], reach_m * reach_m);
         !close.any(|near| Euclidean.distance(footprints[near.data], &Point::new(at.x, at.y)) < reach_m)

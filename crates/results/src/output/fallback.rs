@@ -42,7 +42,7 @@ pub struct FallbackConfig {
     /// Metres per unit of the attribute: 1 for heights in metres, about 3 for storeys. Values with a unit of their own take that.
     pub metres_per_unit: f64,
     /// Nearest measured buildings that the median is taken over (`source = "neighbourhood"`).
-    #[schemars(extend("x-expert" = true))]
+    #[serde(skip)]
     pub n_neighbours: usize,
 }
 
@@ -62,7 +62,6 @@ impl FallbackConfig {
                 Some("source is \"attribute\", but no attribute is named")
             }
             FallbackSource::Attribute if !is_positive => Some("metres_per_unit has to be greater than 0"),
-            FallbackSource::Neighbourhood if self.n_neighbours == 0 => Some("n_neighbours has to be 1 or more"),
             _ => None,
         }
     }

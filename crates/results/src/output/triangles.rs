@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::planar::cross;
 use super::prism::GridFace;
+use sizeup_geo::triangles::triangulate;
 
 /// Twice the area of a ring as a vector: where it looks.
 pub fn newell(ring: &[DVec3]) -> DVec3 {
@@ -36,16 +37,10 @@ pub fn of_rings(rings: &[Vec<[i64; 2]>]) -> Vec<[usize; 3]> {
     let corners = rings.concat();
     // From the first corner, so that no precision is lost far from the origin.
     let [x0, y0] = corners[0];
-    let plan: Vec<f64> = corners.iter().flat_map(|&[x, y]| [(x - x0) as f64, (y - y0) as f64]).collect();
-    let starts = rings.iter().scan(0, |n, ring| {
-        *n += ring.len();
-        Some(*n)
-    });
-    let holes: Vec<usize> = starts.take(rings.len() - 1).collect();
-    let indices = earcutr::earcut(&plan, &holes, 2).unwrap_or_default();
-    let counter_clockwise = |t: &[usize]| {
-        let [a, b, c] = [t[0], t[1], t[2]];
+    let from_first = |&[x, y]: &[i64; 2]| [(x - x0) as f64, (y - y0) as f64];
+    let triangles = triangulate(rings.iter().map(|ring| ring.iter().map(from_first)));
+    let counter_clockwise = |[a, b, c]: [usize; 3]| {
         if cross(corners[a], corners[b], corners[c]) < 0 { [a, c, b] } else { [a, b, c] }
     };
-    indices.chunks_exact(3).map(counter_clockwise).collect()
+    triangles.into_iter().map(counter_clockwise).collect()
 }

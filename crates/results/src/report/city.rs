@@ -145,21 +145,9 @@ fn rings(footprint: &Polygon<f64>, origin: [f64; 3]) -> Vec<Vec<i64>> {
 
 /// Triangles of rings, counter-clockwise seen from above.
 fn triangles_of(rings: &[Vec<i64>]) -> Vec<usize> {
-    let plan: Vec<f64> = rings.iter().flatten().map(|v| *v as f64).collect();
-    let starts = rings.iter().scan(0, |n, ring| {
-        *n += ring.len() / 2;
-        Some(*n)
-    });
-    let holes: Vec<usize> = starts.take(rings.len().saturating_sub(1)).collect();
-    let mut corners = earcutr::earcut(&plan, &holes, 2).unwrap_or_default();
-    for t in corners.chunks_exact_mut(3) {
-        let at = |i: usize| [plan[2 * i], plan[2 * i + 1]];
-        let [a, b, c] = [at(t[0]), at(t[1]), at(t[2])];
-        if (b[0] - a[0]) * (c[1] - a[1]) < (b[1] - a[1]) * (c[0] - a[0]) {
-            t.swap(1, 2);
-        }
-    }
-    corners
+    let corners = |ring: &Vec<i64>| ring.chunks_exact(2).map(|p| [p[0], p[1]]).collect();
+    let rings: Vec<Vec<[i64; 2]>> = rings.iter().map(corners).collect();
+    if rings.is_empty() { Vec::new() } else { triangles::of_rings(&rings).concat() }
 }
 
 impl GroundHeights {

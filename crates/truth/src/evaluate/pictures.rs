@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::heights::{BuildingError, HeightEvaluation};
 use sizeup_heights::stats;
-use sizeup_results::output::picture::{AxesKind, Chart, SERIES_COLOURS, Series, Stroke, chart, error_map, write_png};
+use sizeup_results::output::picture::{Chart, SERIES_COLOURS, Series, Stroke, chart, error_map, write_png};
 use sizeup_results::output::{BuildingRecord, OutputError};
 
 /// Buildings per point of the reliability curve, at least.
@@ -76,7 +76,6 @@ fn reliability_chart(curve: &[[f64; 2]]) -> Chart {
             series("", curve.to_vec(), Stroke::Line, SERIES_COLOURS[0]),
             series("measured", curve.to_vec(), Stroke::Marks, SERIES_COLOURS[0]),
         ],
-        axes: AxesKind::FromZero,
     }
 }
 

@@ -8,6 +8,7 @@ use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
 use sizeup_geo::terrain::Terrain;
+use sizeup_geo::triangles;
 use sizeup_heights::ids::BuildingId;
 
 use super::form::{BuildingForm, FormFace, RoofKind};
@@ -263,18 +264,9 @@ pub(super) fn ground_under(footprint: &Polygon<f64>, terrain: &Terrain) -> (f64,
 /// Triangles of a planar polygon, by ear clipping of its plan.
 pub(super) fn triangulate(rings: &[Vec<DVec3>]) -> Vec<[DVec3; 3]> {
     let points: Vec<DVec3> = rings.iter().flatten().copied().collect();
-    let plan: Vec<f64> = points.iter().flat_map(|p| [p.x, p.y]).collect();
-    let holes: Vec<usize> = rings
-        .iter()
-        .scan(0, |first, ring| {
-            *first += ring.len();
-            Some(*first)
-        })
-        .take(rings.len().saturating_sub(1))
-        .collect();
     // A ring without area has no triangles; the caller then has no face, which is what it is.
-    let indices = earcutr::earcut(&plan, &holes, 2).unwrap_or_default();
-    let corners = indices.chunks_exact(3).map(|t| [points[t[0]], points[t[1]], points[t[2]]]);
+    let triangles = triangles::triangulate(rings.iter().map(|ring| ring.iter().map(|p| [p.x, p.y])));
+    let corners = triangles.into_iter().map(|t| t.map(|i| points[i]));
     corners
         .map(|t| if (t[1] - t[0]).truncate().perp_dot((t[2] - t[0]).truncate()) < 0.0 { [t[0], t[2], t[1]] } else { t })
         .collect()

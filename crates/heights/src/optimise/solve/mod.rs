@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::config::{OptimiseConfig, Preset};
+use super::config::{OptimiseConfig, Preset, START_HEIGHT_M};
 use super::disagreeing::DisagreeingView;
 use super::evidence::{Evidence, SampledPrior};
 use super::footprint_shift::FootprintShift;
@@ -300,7 +300,7 @@ impl<'a> SolverState<'a> {
                             former.height_m(at)
                         }
                     });
-                    let height_m = known_m.unwrap_or(self.config.search.start_height_m);
+                    let height_m = known_m.unwrap_or(START_HEIGHT_M);
                     self.heights_m[b] = height_m.clamp(bounds.min_m, bounds.max_m);
                 }
             }

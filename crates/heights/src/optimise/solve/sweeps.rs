@@ -13,8 +13,7 @@ use crate::optimise::footprint_shift::{FootprintShift, SettledScene};
 use crate::optimise::formed::FormedRoof;
 use crate::optimise::rays::Rays;
 use crate::optimise::roof::Judged;
-use crate::optimise::score::Correlation;
-use crate::optimise::search::{Finding, Range, SearchPass, SweepView, around, find_roofs, standing, sweep};
+use crate::optimise::search::{Finding, Range, SweepView, around, find_roofs, standing, sweep};
 use crate::optimise::{bleed, layer_shift, levels};
 use crate::scene::{Prism, Scene};
 
@@ -31,7 +30,7 @@ impl SolverState<'_> {
     pub(super) fn run_search(&mut self) {
         let config = &self.config.search;
         self.set_start_heights();
-        let n_sweeps = config.full_sweeps + config.local_sweeps + config.roof_sweeps;
+        let n_sweeps = config.full_sweeps + config.local_sweeps;
         let mut n_selected = 0;
         for i in 0..config.full_sweeps {
             (self.problem.progress)(Solving::Epochs, i, n_sweeps);
@@ -45,7 +44,7 @@ impl SolverState<'_> {
                 Kept::Height(_) => is_last,
                 Kept::All(_) => false,
             };
-            self.sweep(is_asked, SearchPass::linear(Range::Full), n_selected);
+            self.sweep(is_asked, Range::Full, n_selected);
         }
         n_selected = self.replace_disagreeing(n_selected);
         if config.measure_shift {
@@ -74,10 +73,8 @@ impl SolverState<'_> {
         }
         for i in 0..config.local_sweeps {
             (self.problem.progress)(Solving::Epochs, config.full_sweeps + i, n_sweeps);
-            let is_rank = i >= config.local_sweeps.saturating_sub(config.rank_sweeps);
-            let correlation = if is_rank { Correlation::Rank } else { Correlation::Linear };
             let problem = self.problem;
-            self.sweep(|b| problem.is_searched(b), SearchPass { range: local(i), correlation }, n_selected);
+            self.sweep(|b| problem.is_searched(b), local(i), n_selected);
         }
         let views = self.sweep_views();
         let views_of = |b: usize| self.views_of[b].iter().filter_map(|&v| views[v].as_ref());
@@ -90,9 +87,6 @@ impl SolverState<'_> {
             self.find_roofs(|b| problem.is_searched(b));
             if self.roofs.iter().any(|judged| judged.roof.is_some()) {
                 self.leap_beside_roofs(n_selected);
-                if config.roof_sweeps > 0 {
-                    self.sweep_beside_roofs(n_selected);
-                }
             }
         }
         if config.measure_footprints {
@@ -121,7 +115,7 @@ impl SolverState<'_> {
             n_selected = self.reselect().views.len();
             self.findings.fill(None);
             let problem = self.problem;
-            self.sweep(|b| problem.is_searched(b), SearchPass::linear(Range::Full), n_selected);
+            self.sweep(|b| problem.is_searched(b), Range::Full, n_selected);
         }
         n_selected
     }
@@ -147,13 +141,13 @@ impl SolverState<'_> {
             return;
         }
         let before: Vec<_> = self.heights_m.iter().copied().zip(self.findings.iter().cloned()).collect();
-        self.sweep(|b| leaps[b], SearchPass::linear(Range::Full), n_selected);
+        self.sweep(|b| leaps[b], Range::Full, n_selected);
         for i in 0..N_AFTER_LEAP {
-            self.sweep(|b| leaps[b], SearchPass::linear(local(i)), n_selected);
+            self.sweep(|b| leaps[b], local(i), n_selected);
         }
-        let (bounds, config) = (self.problem.scene.bounds, &self.config.search);
+        let bounds = self.problem.scene.bounds;
         for (b, (height_m, finding)) in before.into_iter().enumerate() {
-            let (low, high) = around(height_m, 1.0, bounds, config);
+            let (low, high) = around(height_m, 1.0, bounds);
             let is_near = (low..=high).contains(&self.heights_m[b]);
             if is_near || self.findings[b].as_ref().is_some_and(is_hopeless) {
                 (self.heights_m[b], self.findings[b]) = (height_m, finding);
@@ -163,26 +157,6 @@ impl SolverState<'_> {
         if leaps.contains(&true) {
             self.find_roofs(|b| leaps[b]);
         }
-    }
-
-    /// Settles all heights once more beside neighbours whose roofs have a form, and then all forms.
-    fn sweep_beside_roofs(&mut self, n_selected: usize) {
-        let config = &self.config.search;
-        let before: Vec<_> = self.heights_m.iter().copied().zip(self.findings.iter().cloned()).collect();
-        let correlation = if config.rank_sweeps > 0 { Correlation::Rank } else { Correlation::Linear };
-        let n_before = config.full_sweeps + config.local_sweeps;
-        for i in 0..config.roof_sweeps {
-            (self.problem.progress)(Solving::Epochs, n_before + i, n_before + config.roof_sweeps);
-            let problem = self.problem;
-            self.sweep(|b| problem.is_searched(b), SearchPass { range: local(i), correlation }, n_selected);
-        }
-        for (b, (height_m, finding)) in before.into_iter().enumerate() {
-            if self.findings[b].as_ref().is_some_and(is_hopeless) {
-                (self.heights_m[b], self.findings[b]) = (height_m, finding);
-            }
-        }
-        let problem = self.problem;
-        self.find_roofs(|b| problem.is_searched(b));
     }
 
     /// Measures how far single footprints are off; the heights of those that lie elsewhere are settled again there.
@@ -216,9 +190,9 @@ impl SolverState<'_> {
         let of_moved = (0..is_moved.len()).filter(|&b| is_moved[b]).flat_map(|b| self.views_of[b].iter().copied());
         let views: BTreeSet<usize> = of_moved.collect();
         there.load(&views.into_iter().collect::<Vec<_>>());
-        there.sweep(|b| is_moved[b], SearchPass::linear(Range::Full), n_selected);
+        there.sweep(|b| is_moved[b], Range::Full, n_selected);
         for i in 0..config.local_sweeps {
-            there.sweep(|b| is_moved[b], SearchPass::linear(local(i)), n_selected);
+            there.sweep(|b| is_moved[b], local(i), n_selected);
         }
         if !config.roof_forms.is_empty() {
             there.find_roofs(|b| is_moved[b]);
@@ -290,17 +264,17 @@ impl SolverState<'_> {
     }
 
     /// One pass over the buildings that are asked for: each takes the best height of the range.
-    fn sweep(&mut self, is_asked: impl Fn(usize) -> bool + Sync, pass: SearchPass, n_selected: usize) {
+    fn sweep(&mut self, is_asked: impl Fn(usize) -> bool + Sync, range: Range, n_selected: usize) {
         let views = self.sweep_views();
         let (scene, config) = (self.problem.scene, &self.config.search);
-        let found = sweep(scene, &views, &self.views_of, &self.heights_m, is_asked, pass, config);
+        let found = sweep(scene, &views, &self.views_of, &self.heights_m, is_asked, range, config);
         drop(views);
         let before = self.heights_m.clone();
         for (b, finding) in found.into_iter().enumerate() {
             if let Some(finding) = finding {
                 self.heights_m[b] = on_grid(finding.height_m).clamp(scene.bounds.min_m, scene.bounds.max_m);
                 // The full sweeps saw the whole range: only they can tell a flat score, or one without a peak.
-                let (contrast, whole) = match (pass.range, self.findings[b].take()) {
+                let (contrast, whole) = match (range, self.findings[b].take()) {
                     (Range::Local { .. }, Some(previous)) => (previous.contrast, previous.whole),
                     _ => (finding.contrast, finding.whole),
                 };

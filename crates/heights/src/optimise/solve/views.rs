@@ -7,6 +7,7 @@ use rand::Rng as _;
 use rayon::prelude::*;
 
 use super::{SolverState, Solving, ViewInput};
+use crate::optimise::config::MAX_VIEWS_PER_BUILDING;
 use crate::optimise::straighten::{GroundFits, PriorShape};
 use crate::seed;
 use crate::views::{CandidateView, Choice, Selection, Visibility, drawn, in_turn, select, select_each, visibility};
@@ -129,7 +130,7 @@ impl SolverState<'_> {
             let from = self.problem.views[view].placed.eye() - centre;
             (view, from.truncate(), std::cmp::Reverse(n_rays(view)))
         });
-        in_turn(ranked, self.config.search.max_views_per_building)
+        in_turn(ranked, MAX_VIEWS_PER_BUILDING)
     }
 
     /// Middle of a building at its ground, local frame, metres.

@@ -82,6 +82,8 @@ const LARGE_STEP_COST: i16 = 48;
 /// Neighbours that have to have the same height, by their own matching, or half of those that have the place in their picture
 /// where that is less, but two at least.
 const MIN_AGREEING: usize = 3;
+/// Most neighbours a view is compared with, 1 to 16.
+pub(crate) const N_NEIGHBOURS: usize = 6;
 
 /// How depth is computed from the photos.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -91,13 +93,12 @@ pub struct StereoConfig {
     /// Longer side of the depth map, pixels, 64 to 2048.
     #[schemars(extend("x-expert" = false))]
     pub long_side_px: u32,
-    /// Most neighbours a view is compared with, 1 to 16.
-    pub n_neighbours: usize,
     /// Highest roof above the highest ground in the view, metres. Above 0. A run sets it to the greatest of the heights that
     /// are looked for.
     #[serde(skip, default = "default_max_height_m")]
     pub max_height_m: f64,
     /// Most height levels, 8 to 255: more are finer and slower.
+    #[serde(skip)]
     pub max_levels: usize,
     /// Where computed depth is kept, so that each view is matched once.
     #[schemars(extend("x-expert" = false))]
@@ -110,7 +111,7 @@ fn default_max_height_m() -> f64 {
 
 impl Default for StereoConfig {
     fn default() -> Self {
-        Self { long_side_px: 672, n_neighbours: 6, max_height_m: 80.0, max_levels: 128, cache: CacheConfig::default() }
+        Self { long_side_px: 672, max_height_m: 80.0, max_levels: 128, cache: CacheConfig::default() }
     }
 }
 
@@ -118,9 +119,7 @@ impl StereoConfig {
     fn check(&self) -> Result<(), PriorError> {
         let in_range = [
             ("long_side_px", (64..=2048).contains(&self.long_side_px), "64 to 2048"),
-            ("n_neighbours", (1..=16).contains(&self.n_neighbours), "1 to 16"),
             ("max_height_m", self.max_height_m.is_finite() && self.max_height_m > 0.0, "above 0 m"),
-            ("max_levels", (8..=255).contains(&self.max_levels), "8 to 255"),
         ];
         match in_range.iter().find(|(_, is_fine, _)| !is_fine) {
             None => Ok(()),
@@ -187,7 +186,7 @@ impl StereoPriors {
 
     fn plan(&self, view: &View) -> Result<StereoPlan<'_>, PriorError> {
         let refuse = |problem: &str, hint: &str| Err(refusal(view, problem, hint));
-        let others = self.survey.choose(view, self.config.n_neighbours);
+        let others = self.survey.choose(view, N_NEIGHBOURS);
         if others.is_empty() {
             return refuse("no other photo sees the same ground under a fair angle", "photos have to overlap");
         }

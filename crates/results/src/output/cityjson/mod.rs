@@ -44,9 +44,11 @@ pub struct CityJsonConfig {
     #[schemars(extend("x-expert" = false))]
     pub title: Option<String>,
     /// Names of the buildings' attributes.
+    #[serde(skip)]
     pub names: AttributeNames,
     /// Where `schemas/sizeup.ext.json` is published. If set, the file declares our extension there, and our attributes
     /// have its names (`+sizeup-height_m`), so that validators check their types.
+    #[serde(skip)]
     pub extension_url: Option<String>,
 }
 

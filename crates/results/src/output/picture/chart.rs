@@ -1,4 +1,4 @@
-//! Line charts: curves and marks over two axes with round ticks, the vertical one plain or logarithmic.
+//! Line charts: curves and marks over two axes with round ticks, both from 0.
 
 use image::RgbImage;
 
@@ -11,8 +11,6 @@ use super::scale::{label, step, ticks};
 pub enum Stroke {
     /// A line through the points.
     Line,
-    /// A thin, faint line: one of many.
-    Faint,
     /// A disc at each point.
     Marks,
 }
@@ -41,17 +39,6 @@ pub struct Chart {
     pub y_label: String,
     /// Drawn in this order.
     pub series: Vec<Series>,
-    /// Start of the axes, and division of the vertical one.
-    pub axes: AxesKind,
-}
-
-/// Division of the axes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum AxesKind {
-    /// Both axes begin at 0.
-    FromZero,
-    /// The horizontal one from the first point; the vertical one by powers of ten, without values that are not above 0.
-    Logarithmic,
 }
 
 /// Colours that colour-blind people tell apart (Okabe and Ito, 2008).
@@ -66,15 +53,8 @@ pub fn chart(chart: &Chart, width_px: u32, height_px: u32) -> RgbImage {
     let (width, height) = (width_px.max(300) as f32, height_px.max(200) as f32);
     let mut canvas = Canvas::new(width as u32, height as u32);
     let [left, right, top, bottom] = MARGINS;
-    let is_logarithmic = chart.axes == AxesKind::Logarithmic;
-    let xs = chart.series.iter().flat_map(|s| &s.points).map(|p| p[0]);
-    let ys = chart.series.iter().flat_map(|s| &s.points).map(|p| if is_logarithmic { decades(p[1]) } else { p[1] });
-    let axes = Axes {
-        x: range(xs, !is_logarithmic),
-        y: if is_logarithmic { whole_decades(ys) } else { range(ys, true) },
-        is_logarithmic,
-        frame: [left, top, width - right, height - bottom],
-    };
+    let values = |i: usize| chart.series.iter().flat_map(|s| &s.points).map(move |p| p[i]);
+    let axes = Axes { x: range(values(0)), y: range(values(1)), frame: [left, top, width - right, height - bottom] };
     canvas.text(&chart.title, [left, 30.0], 19.0, INK, Align::Left);
     axes.draw(&mut canvas, chart);
     for series in &chart.series {
@@ -89,39 +69,26 @@ pub fn chart(chart: &Chart, width_px: u32, height_px: u32) -> RgbImage {
     canvas.into_image()
 }
 
-/// Powers of ten; what has none is left out like any other value that is not finite.
-fn decades(value: f64) -> f64 {
-    if value > 0.0 { value.log10() } else { f64::NAN }
-}
-
 /// Least and greatest finite value; nothing to see gives both infinite.
 fn extent(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let finite = values.filter(|v| v.is_finite());
     finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
 }
 
-/// From a whole power of ten to a whole power of ten.
-fn whole_decades(values: impl Iterator<Item = f64>) -> [f64; 2] {
-    let [low, high] = extent(values);
-    if low.is_finite() { [low.floor(), high.ceil().max(low.floor() + 1.0)] } else { [0.0, 1.0] }
-}
-
-/// Least and greatest finite value with some room; something sensible where there is none.
-fn range(values: impl Iterator<Item = f64>, from_zero: bool) -> [f64; 2] {
+/// From 0, or the least value below it, to the greatest, with some room; 0 to 1 where there is none.
+fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let [low, high] = extent(values);
     if !low.is_finite() {
         return [0.0, 1.0];
     }
-    let low = if from_zero { low.min(0.0) } else { low };
+    let low = low.min(0.0);
     let room = 0.04 * if high > low { high - low } else { high.abs().max(1.0) };
-    [if from_zero && low == 0.0 { 0.0 } else { low - room }, high + room]
+    [if low == 0.0 { 0.0 } else { low - room }, high + room]
 }
 
 struct Axes {
     x: [f64; 2],
-    /// Range of the values, or of their powers of ten.
     y: [f64; 2],
-    is_logarithmic: bool,
     /// Left, top, right, bottom; pixels.
     frame: [f32; 4],
 }
@@ -130,22 +97,7 @@ impl Axes {
     fn at(&self, [x, y]: [f64; 2]) -> [f32; 2] {
         let [left, top, right, bottom] = self.frame;
         let share = |v: f64, [low, high]: [f64; 2]| ((v - low) / (high - low)) as f32;
-        let y = if self.is_logarithmic { decades(y) } else { y };
         [left + share(x, self.x) * (right - left), bottom - share(y, self.y) * (bottom - top)]
-    }
-
-    /// Values of the vertical axis that get a line and a label.
-    fn y_ticks(&self) -> Vec<(f64, String)> {
-        let [low, high] = self.y;
-        if !self.is_logarithmic {
-            return ticks(low, high, 6).into_iter().map(|tick| (tick, label(tick, step(low, high, 6)))).collect();
-        }
-        let powers = (low.round() as i32)..=(high.round() as i32);
-        powers
-            .map(|power| {
-                (10_f64.powi(power), format!("{:.*}", power.min(0).unsigned_abs() as usize, 10_f64.powi(power)))
-            })
-            .collect()
     }
 
     fn draw(&self, canvas: &mut Canvas, chart: &Chart) {
@@ -156,10 +108,10 @@ impl Axes {
             canvas.line(&[[x, top], [x, bottom]], grid);
             canvas.text(&label(tick, step(self.x[0], self.x[1], 7)), [x, bottom + 20.0], 14.0, GREY, Align::Centre);
         }
-        for (tick, name) in self.y_ticks() {
+        for tick in ticks(self.y[0], self.y[1], 6) {
             let [_, y] = self.at([self.x[0], tick]);
             canvas.line(&[[left, y], [right, y]], grid);
-            canvas.text(&name, [left - 8.0, y + 5.0], 14.0, GREY, Align::Right);
+            canvas.text(&label(tick, step(self.y[0], self.y[1], 6)), [left - 8.0, y + 5.0], 14.0, GREY, Align::Right);
         }
         canvas.text(&chart.y_label, [left, top - 14.0], 14.0, INK, Align::Left);
         canvas.text(&chart.x_label, [0.5 * (left + right), bottom + 46.0], 14.0, INK, Align::Centre);
@@ -175,10 +127,7 @@ fn draw_series(canvas: &mut Canvas, axes: &Axes, series: &Series) {
         }
         return;
     }
-    let pen = match series.stroke {
-        Stroke::Faint => Pen { colour: series.colour, opacity: 0.35, width_px: 1.2 },
-        Stroke::Line | Stroke::Marks => Pen::new(series.colour, 2.2),
-    };
+    let pen = Pen::new(series.colour, 2.2);
     for stretch in series.points.split(|p| !is_known(p)).filter(|s| s.len() > 1) {
         let line: Vec<[f32; 2]> = stretch.iter().map(|p| axes.at(*p)).collect();
         canvas.line(&line, pen);
@@ -202,25 +151,11 @@ mod tests {
             x_label: "x".to_owned(),
             y_label: "y".to_owned(),
             series: vec![series(points)],
-            axes: AxesKind::FromZero,
         };
         let drawn = chart(&of(vec![[0.0, 0.0], [10.0, 5.0], [f64::NAN, 1.0]]), 600, 400);
         let blue = drawn.pixels().filter(|p| p.0 == SERIES_COLOURS[0]).count();
         assert!(blue > 400, "{blue}");
         let empty = chart(&of(Vec::new()), 600, 400);
         assert_eq!(empty.dimensions(), (600, 400));
-        // Over powers of ten a zero breaks the line, and a value ten times smaller is one line of the grid lower.
-        let logarithmic = |points| chart(&Chart { axes: AxesKind::Logarithmic, ..of(points) }, 600, 400);
-        let rows = |image: &RgbImage| -> Vec<u32> {
-            let is_blue = |y: &u32| (100..560).any(|x| image.get_pixel(x, *y).0 == SERIES_COLOURS[0]);
-            (90..350).filter(is_blue).collect()
-        };
-        let (low, high) = (
-            rows(&logarithmic(vec![[0.0, 0.1], [10.0, 0.1], [11.0, 0.0], [12.0, 10.0]])),
-            rows(&logarithmic(vec![[0.0, 1.0], [10.0, 1.0], [11.0, 0.0], [12.0, 10.0], [13.0, 0.0], [14.0, 0.1]])),
-        );
-        let middle = |rows: &[u32]| f64::from(rows[0] + rows[rows.len() - 1]) / 2.0;
-        // 254 pixels from 0.1 to 10.
-        assert!((middle(&low) - middle(&high) - 127.0).abs() <= 1.0, "{low:?} {high:?}");
     }
 }

@@ -28,7 +28,7 @@ use image::{ImageFormat, RgbImage};
 use super::OutputError;
 use sizeup_geo::files::{FileError, write_whole};
 
-pub use chart::{AxesKind, Chart, SERIES_COLOURS, Series, Stroke, chart};
+pub use chart::{Chart, SERIES_COLOURS, Series, Stroke, chart};
 pub use class_map::{MapClass, MapHeadings, class_map};
 pub use error_map::error_map;
 pub use map::{MapConfig, map};

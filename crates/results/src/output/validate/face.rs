@@ -7,6 +7,7 @@ use super::super::planar::{cross, is_inside, segments_meet, twice_area};
 use super::snap::Snapped;
 use super::{Code, ValidateConfig};
 use sizeup_geo::groups::Groups;
+use sizeup_geo::triangles::triangulate;
 
 /// Cells per snap tolerance when positions are rounded within a face.
 const CELLS_PER_TOLERANCE: f64 = 10.0;
@@ -59,14 +60,8 @@ impl SoundFace {
     /// Triangles of the face as indices into [`Snapped::points`].
     fn triangles(&self, flat: &[Vec<[i64; 2]>]) -> Vec<[usize; 3]> {
         let corners: Vec<usize> = self.rings.iter().flatten().copied().collect();
-        let coordinates: Vec<f64> = flat.iter().flatten().flat_map(|p| p.map(|v| v as f64)).collect();
-        let starts = self.rings.iter().scan(0, |n, ring| {
-            *n += ring.len();
-            Some(*n)
-        });
-        let holes: Vec<usize> = starts.take(self.rings.len() - 1).collect();
-        let indices = earcutr::earcut(&coordinates, &holes, 2).unwrap_or_default();
-        indices.chunks_exact(3).map(|t| [corners[t[0]], corners[t[1]], corners[t[2]]]).collect()
+        let rings = flat.iter().map(|ring| ring.iter().map(|p| p.map(|v| v as f64)));
+        triangulate(rings).into_iter().map(|t| t.map(|i| corners[i])).collect()
     }
 
     /// 204: a triangle turned out of the face's plane.

@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use sizeup_geo::triangles;
+
 /// Area vector of a ring (Newell's method): twice its area long, counter-clockwise towards its tip.
 #[must_use]
 pub fn normal(ring: &[DVec3]) -> DVec3 {
@@ -31,14 +33,7 @@ pub fn triangulate(rings: &[Vec<DVec3>]) -> Vec<[DVec3; 3]> {
         }
     };
     let points: Vec<DVec3> = rings.iter().flatten().copied().collect();
-    let coordinates: Vec<f64> = points.iter().flat_map(|p| flat(*p)).collect();
-    let mut holes = Vec::new();
-    let mut start = 0;
-    for ring in &rings[..rings.len() - 1] {
-        start += ring.len();
-        holes.push(start);
-    }
-    let indices = earcutr::earcut(&coordinates, &holes, 2).unwrap_or_default();
-    let corners = indices.chunks_exact(3).map(|t| [points[t[0]], points[t[1]], points[t[2]]]);
+    let triangles = triangles::triangulate(rings.iter().map(|ring| ring.iter().map(|p| flat(*p))));
+    let corners = triangles.into_iter().map(|t| t.map(|i| points[i]));
     corners.map(|t| if (t[1] - t[0]).cross(t[2] - t[0]).dot(facing) < 0.0 { [t[0], t[2], t[1]] } else { t }).collect()
 }

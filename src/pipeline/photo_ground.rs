@@ -14,6 +14,7 @@
 //! three standard errors on.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use geo::Centroid as _;
 use geo_types::Polygon;
@@ -23,9 +24,8 @@ use rstar::RTree;
 use rstar::primitives::GeomWithData;
 use serde::{Deserialize, Serialize};
 
-use super::FootprintStage;
-use super::stages::SceneStage;
-use crate::config::RunConfig;
+use super::settings::GroundSettings;
+use sizeup_footprints::Footprint;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::{Dem, MapBox, Terrain};
 use sizeup_heights::raster::Raster;
@@ -34,8 +34,8 @@ use sizeup_photos::dtm::{self, DtmConfig, GroundSquare, GroundSurface, SquareOut
 use sizeup_photos::prior::Album;
 use sizeup_survey::Survey;
 
-/// Squares that are looked at, about: spread evenly, no closer than those of a terrain model, and no farther apart than ground
-/// can be told by its neighbours, metres; in round numbers, so that a house more leaves them where they are.
+/// Number of squares searched, about: spread evenly, no closer than those of a terrain model, and no farther apart than ground
+/// follows from its neighbours, metres; in round numbers, so that a house more leaves them where they are.
 const N_SQUARES: f64 = 600.0;
 const MOST_SPACING_M: f64 = 40.0;
 const SPACING_STEP_M: f64 = 4.0;
@@ -47,7 +47,7 @@ const MARGIN_M: f64 = 30.0;
 const MIN_SQUARES: usize = 12;
 const MIN_OF_NINTH: usize = 4;
 /// Less than this is within what poses and matching are off by, metres; and in standard errors of the median.
-const TOLD_M: f64 = 1.0;
+const REPORTED_M: f64 = 1.0;
 const STANDARD_ERRORS: f64 = 3.0;
 /// Standard error of a median, in standard errors of a mean, for normal errors.
 const OF_MEDIAN: f64 = 1.2533;
@@ -66,7 +66,7 @@ const UNSURE_M: f64 = 1.0;
 
 /// Terrain by the photos.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct GroundTold {
+pub struct PhotoGround {
     /// Places where they show the ground, map, and its height above the terrain, metres.
     pub off_m: Vec<([f64; 2], f64)>,
     /// Standard deviation of these heights, by their neighbours, metres.
@@ -79,54 +79,48 @@ pub(super) fn spacing_m(footprints: MapBox) -> f64 {
     let area = footprints.grown(MARGIN_M);
     let area_m2 = (area.east_m - area.west_m) * (area.north_m - area.south_m);
     let spacing_m = (area_m2 / N_SQUARES).sqrt().clamp(DtmConfig::default().spacing_m, MOST_SPACING_M);
-    // Rather closer: a building is told of by the squares around it.
+    // Rather closer: a building's ground comes from the squares around it.
     (spacing_m / SPACING_STEP_M).floor().max(1.0) * SPACING_STEP_M
-}
-
-/// Whether the terrain is held against photos, where there are any: where it is made from them, that was done.
-pub(super) fn asks(config: &RunConfig) -> bool {
-    config.dtm.is_none()
-}
-
-/// Whether the terrain is a model that others made: its error is small, unless the photos contradict it.
-fn is_model(config: &RunConfig) -> bool {
-    config.dtm.is_none() && config.terrain.dtm.is_some()
 }
 
 /// Memory that looking at the ground takes at most with so many photos, bytes.
 pub(super) fn photo_bytes(n_photos: usize) -> usize {
-    dtm::PICTURE_BYTES.min(n_photos.saturating_mul(Album::bytes_of_one(DtmConfig::default().long_side_px)))
+    dtm::PICTURE_BYTES.min(n_photos.saturating_mul(Album::bytes_of_one(dtm::LONG_SIDE_PX)))
 }
 
-/// Looks at open ground in the photos; nothing where there are too few. Where the terrain was made from them, that has been done. Of a
-/// part of a city it looks at the part's core and as far around it as its buildings' ground is told by.
+/// Searches the photos for open ground; empty where there are too few. Where the terrain was made from them, reads that ground. For a
+/// part of a city it searches the part's core and around it as far as the ground of its buildings depends on.
 pub(super) fn look(
-    config: &RunConfig,
+    ground: &GroundSettings<'_>,
     survey: &Survey,
-    footprints: &FootprintStage,
-    stage: &SceneStage,
+    footprints: &[Footprint],
+    (terrain, spacing_m): (&Terrain, f64),
     core: Option<MapBox>,
-) -> GroundTold {
-    if !asks(config) {
-        return super::dtm::squares_of_run(config);
+) -> PhotoGround {
+    if let Some(squares) = &ground.squares {
+        return PhotoGround::read(squares);
     }
     if !survey.views.iter().any(|view| view.image.is_some()) {
-        return GroundTold::default();
+        return PhotoGround::default();
     }
-    let polygons: Vec<&Polygon<f64>> = footprints.layer.footprints.iter().map(|f| &f.polygon).collect();
-    let spacing_m = stage.ground_spacing_m;
+    let polygons: Vec<&Polygon<f64>> = footprints.iter().map(|f| &f.polygon).collect();
     let settings = DtmConfig { margin_m: MARGIN_M, spacing_m, ..DtmConfig::default() };
     let area = dtm::area(&survey.views, &polygons, &settings);
     let area = core.map_or(area, |core| core.grown(dtm::REACH_M + NEIGHBOURS * spacing_m).shared_with(&area));
-    // A photo that cannot be read is told of elsewhere.
-    let Ok((squares, sigma_m)) = dtm::off_by(&survey.views, &polygons, &stage.terrain, area, &settings, &|_, _| ())
-    else {
-        return GroundTold::default();
+    // The survey reports photos that cannot be read.
+    let Ok((squares, sigma_m)) = dtm::off_by(&survey.views, &polygons, terrain, area, &settings, &|_, _| ()) else {
+        return PhotoGround::default();
     };
-    GroundTold::of(&squares, sigma_m, |_| Some(0.0))
+    PhotoGround::of(&squares, sigma_m, |_| Some(0.0))
 }
 
-impl GroundTold {
+impl PhotoGround {
+    /// Reads the squares that the terrain model of a run was made from, against it; none where they are not kept.
+    fn read(path: &Path) -> Self {
+        let file = std::fs::read(path);
+        file.ok().and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default()
+    }
+
     /// Squares of ground, each against a level there; `None` takes it out.
     pub(super) fn of(squares: &[GroundSquare], sigma_m: f64, level_at: impl Fn(DVec2) -> Option<f64>) -> Self {
         let ground = squares.iter().filter_map(|square| match square.outcome {
@@ -137,31 +131,31 @@ impl GroundTold {
         Self { off_m: ground.collect(), sigma_m: if sigma_m.is_finite() { sigma_m } else { 0.0 } }
     }
 
-    /// Those of its places that tell of the ground of buildings in a core.
+    /// Places that the ground of buildings in a core depends on.
     pub(super) fn around(&self, core: &MapBox) -> Self {
         let area = core.grown(dtm::REACH_M);
         let off_m = self.off_m.iter().filter(|(at, _)| area.holds((at[0], at[1]))).copied().collect();
         Self { off_m, sigma_m: self.sigma_m }
     }
 
-    /// Verdict of a city's parts, each with its core: of a place that several looked at, the part says it whose
-    /// core is closest, the first of equals.
+    /// Joins the places of a city's parts, each with its core: of a place that several searched, the part with the closest core
+    /// counts, the first of equals.
     #[must_use]
     pub fn of_parts(parts: impl IntoIterator<Item = (MapBox, Self)>) -> Self {
-        let mut told: BTreeMap<[u64; 2], ([f64; 2], f64, f64)> = BTreeMap::new();
+        let mut closest: BTreeMap<[u64; 2], ([f64; 2], f64, f64)> = BTreeMap::new();
         let mut sigma_m: f64 = 0.0;
         for (core, part) in parts {
             sigma_m = sigma_m.max(part.sigma_m);
             for (at, off_m) in part.off_m {
                 let distance_m = core.distance_m((at[0], at[1]));
                 // Squares lie on one grid: places are the same to the bit.
-                let known = told.entry(at.map(f64::to_bits)).or_insert((at, distance_m, off_m));
+                let known = closest.entry(at.map(f64::to_bits)).or_insert((at, distance_m, off_m));
                 if distance_m < known.1 {
                     *known = (at, distance_m, off_m);
                 }
             }
         }
-        Self { off_m: told.into_values().map(|(at, _, off_m)| (at, off_m)).collect(), sigma_m }
+        Self { off_m: closest.into_values().map(|(at, _, off_m)| (at, off_m)).collect(), sigma_m }
     }
 
     /// Issue of the terrain as a whole: a shift, or where it differs most.
@@ -171,7 +165,7 @@ impl GroundTold {
             return None;
         }
         let all: Vec<f64> = self.off_m.iter().map(|(_, off_m)| *off_m).collect();
-        let (shift_m, is_shift) = told(&all, 0.0)?;
+        let (shift_m, is_shift) = median_off(&all, 0.0)?;
         let worst = self.worst_ninth(shift_m);
         let n = all.len();
         let (code, message) = match (is_shift, worst) {
@@ -223,32 +217,32 @@ impl GroundTold {
             let is_in = |p: &[f64; 2]| third(0, p[0]) + 3 * third(1, p[1]) == ninth;
             self.off_m.iter().filter(|(p, _)| is_in(p)).map(|(_, off_m)| *off_m).collect()
         };
-        let told_of = |(ninth, name): (usize, &'static str)| {
+        let ninth_off = |(ninth, name): (usize, &'static str)| {
             let off_m = of_ninth(ninth);
-            let (median_m, is_told) = told(&off_m, shift_m).filter(|_| off_m.len() >= MIN_OF_NINTH)?;
-            is_told.then_some((name, median_m, off_m.len()))
+            let (median_m, is_off) = median_off(&off_m, shift_m).filter(|_| off_m.len() >= MIN_OF_NINTH)?;
+            is_off.then_some((name, median_m, off_m.len()))
         };
-        let found = NAMES.into_iter().enumerate().filter_map(told_of);
+        let found = NAMES.into_iter().enumerate().filter_map(ninth_off);
         found.max_by(|a, b| (a.1 - shift_m).abs().total_cmp(&(b.1 - shift_m).abs()))
     }
 
     /// Ground of some footprints by the squares around them, in their order; `None` where too few are near.
-    pub(super) fn measured(&self, config: &RunConfig, footprints: &FootprintStage) -> Vec<Option<GroundCorrection>> {
+    pub(super) fn measured(&self, is_model: bool, footprints: &[Footprint]) -> Vec<Option<GroundCorrection>> {
         let surface = self.surface();
         let of = |polygon: &Polygon<f64>| {
             let middle = polygon.centroid()?;
             let (off_m, sigma_m) = surface.at(DVec2::new(middle.x(), middle.y()))?;
-            Some(GroundCorrection::of(off_m, sigma_m.hypot(BESIDE_M), is_model(config)))
+            Some(GroundCorrection::of(off_m, sigma_m.hypot(BESIDE_M), is_model))
         };
-        footprints.layer.footprints.par_iter().map(|footprint| of(&footprint.polygon)).collect()
+        footprints.par_iter().map(|footprint| of(&footprint.polygon)).collect()
     }
 
     /// The same, with what is known of the others.
-    pub(super) fn corrections(&self, config: &RunConfig, footprints: &FootprintStage) -> Vec<Option<GroundCorrection>> {
-        let found = self.measured(config, footprints);
+    pub(super) fn corrections(&self, is_model: bool, footprints: &[Footprint]) -> Vec<Option<GroundCorrection>> {
+        let found = self.measured(is_model, footprints);
         let corrected: Vec<f64> = found.iter().flatten().map(|ground| ground.off_m.abs()).collect();
         // One height that is wrong elsewhere is not to be trusted where no photo shows the ground.
-        let is_wrong = !is_model(config) && stats::median(&corrected).is_some_and(|off_m| off_m >= CORRECTED_M);
+        let is_wrong = !is_model && stats::median(&corrected).is_some_and(|off_m| off_m >= CORRECTED_M);
         let unknown = is_wrong
             .then_some(GroundCorrection { off_m: 0.0, sigma_m: stats::quantile(&corrected, 0.68).unwrap_or(0.0) });
         found.into_iter().map(|ground| ground.or(unknown)).collect()
@@ -259,7 +253,7 @@ impl GroundTold {
     }
 
     /// A terrain as the photos correct it: a model over itself, one height for all over an area; `None` where they leave it as it is.
-    pub(super) fn corrected(&self, config: &RunConfig, terrain: &Terrain, area: MapBox) -> Option<Terrain> {
+    pub(super) fn corrected(&self, is_model: bool, terrain: &Terrain, area: MapBox) -> Option<Terrain> {
         if self.off_m.is_empty() {
             return None;
         }
@@ -267,7 +261,7 @@ impl GroundTold {
             Terrain::Constant(_) => area,
             Terrain::Grid(dem) => extent_of(dem),
         };
-        let raised = self.raised(config, area)?;
+        let raised = self.raised(is_model, area)?;
         let corrected = match terrain {
             Terrain::Constant(level_m) => {
                 let ((west_m, north_m), (cell_m, _)) = (raised.corner_m(), raised.cell_m());
@@ -293,7 +287,7 @@ impl GroundTold {
 
     /// The correction over an area, on nodes that lie where they do whatever the area; `None` where it is none. Nodes without squares around
     /// are corrected as the nearest ones with them.
-    fn raised(&self, config: &RunConfig, area: MapBox) -> Option<Dem> {
+    fn raised(&self, is_model: bool, area: MapBox) -> Option<Dem> {
         let surface = self.surface();
         let node = |m: f64| (m / NODE_M).floor() as i64;
         let (west, south) = (node(area.west_m), node(area.south_m));
@@ -304,7 +298,7 @@ impl GroundTold {
         };
         let off_at = |i: usize| {
             let (off_m, sigma_m) = surface.at(place(i))?;
-            Some(GroundCorrection::of(off_m, sigma_m.hypot(BESIDE_M), is_model(config)).off_m)
+            Some(GroundCorrection::of(off_m, sigma_m.hypot(BESIDE_M), is_model).off_m)
         };
         let known: Vec<Option<f64>> = (0..width * height).into_par_iter().map(off_at).collect();
         if known.iter().flatten().all(|off_m| *off_m == 0.0) {
@@ -355,13 +349,13 @@ impl GroundCorrection {
 }
 
 /// The median, and whether it is far enough from a level, and surely so.
-fn told(values: &[f64], from_m: f64) -> Option<(f64, bool)> {
+fn median_off(values: &[f64], from_m: f64) -> Option<(f64, bool)> {
     let median_m = stats::median(values)?;
     let deviations: Vec<f64> = values.iter().map(|v| (v - median_m).abs()).collect();
     let sigma_m = stats::SIGMA_PER_MAD * stats::median(&deviations)?;
     let error_m = OF_MEDIAN * sigma_m / (values.len() as f64).sqrt();
     let off_m = (median_m - from_m).abs();
-    Some((median_m, off_m >= TOLD_M && off_m >= STANDARD_ERRORS * error_m))
+    Some((median_m, off_m >= REPORTED_M && off_m >= STANDARD_ERRORS * error_m))
 }
 
 fn than(off_m: f64) -> String {
@@ -377,47 +371,47 @@ mod tests {
     use super::*;
 
     /// Places 20 m apart over 200 m, each off by what a function says.
-    fn told_of(off_m: impl Fn(f64, f64) -> f64) -> Option<(String, String)> {
+    fn issue_of(off_m: impl Fn(f64, f64) -> f64) -> Option<(String, String)> {
         let places = (0..100).map(|i| (f64::from(i % 10) * 20.0, f64::from(i / 10) * 20.0));
         // Matching errs by a decimetre or two, in a pattern without a place.
         let noise = |i: usize| 0.2 * ((i * 7919 % 13) as f64 / 6.0 - 1.0);
         let off_m = places.enumerate().map(|(i, (x, y))| ([x, y], off_m(x, y) + noise(i))).collect();
-        GroundTold { off_m, sigma_m: 0.1 }.issue().map(|issue| (issue.code, issue.message))
+        PhotoGround { off_m, sigma_m: 0.1 }.issue().map(|issue| (issue.code, issue.message))
     }
 
     #[test]
     fn of_a_place_that_two_parts_saw_the_closer_one_tells() {
         let core = |west_m: f64| MapBox { west_m, south_m: 0.0, east_m: west_m + 40.0, north_m: 40.0 };
-        let part = |off_m: f64| GroundTold { off_m: vec![([36.0, 12.0], off_m), ([48.0, 12.0], off_m)], sigma_m: 0.1 };
+        let part = |off_m: f64| PhotoGround { off_m: vec![([36.0, 12.0], off_m), ([48.0, 12.0], off_m)], sigma_m: 0.1 };
         let both = [(core(0.0), part(1.0)), (core(40.0), part(2.0))];
-        let told = GroundTold::of_parts(both.clone()).off_m;
-        assert_eq!(told, [([36.0, 12.0], 1.0), ([48.0, 12.0], 2.0)]);
+        let joined = PhotoGround::of_parts(both.clone()).off_m;
+        assert_eq!(joined, [([36.0, 12.0], 1.0), ([48.0, 12.0], 2.0)]);
         let [one, other] = both;
-        assert_eq!(GroundTold::of_parts([other, one]).off_m, told, "in whatever order");
+        assert_eq!(PhotoGround::of_parts([other, one]).off_m, joined, "in whatever order");
     }
 
     #[test]
     fn a_terrain_that_fits_is_not_told_of_and_one_that_does_not_is_with_its_place() {
-        assert_eq!(told_of(|_, _| 0.0), None);
-        assert_eq!(told_of(|_, _| 0.4), None, "within what poses are off by");
-        let (code, message) = told_of(|_, _| -2.1).unwrap();
+        assert_eq!(issue_of(|_, _| 0.0), None);
+        assert_eq!(issue_of(|_, _| 0.4), None, "within what poses are off by");
+        let (code, message) = issue_of(|_, _| -2.1).unwrap();
         assert_eq!(code, "terrain_too_high");
         assert!(
             message.starts_with("the ground lies 2.1 m lower than the terrain says, the median of 100"),
             "{message}"
         );
-        assert_eq!(told_of(|_, _| 3.0).unwrap().0, "terrain_too_low");
-        let (code, message) = told_of(|x, y| if x > 130.0 && y > 130.0 { -2.1 } else { 0.0 }).unwrap();
+        assert_eq!(issue_of(|_, _| 3.0).unwrap().0, "terrain_too_low");
+        let (code, message) = issue_of(|x, y| if x > 130.0 && y > 130.0 { -2.1 } else { 0.0 }).unwrap();
         assert_eq!(code, "terrain_differs");
         assert!(
             message.starts_with("the ground lies ")
                 && message.contains(" m lower than the terrain says in the north-east"),
             "{message}"
         );
-        let (code, message) = told_of(|x, _| (x - 90.0) / 10.0).unwrap();
+        let (code, message) = issue_of(|x, _| (x - 90.0) / 10.0).unwrap();
         assert_eq!(code, "terrain_differs", "{message}");
         assert_eq!(
-            GroundTold { off_m: vec![([0.0, 0.0], 5.0); 5], sigma_m: 0.1 }.issue(),
+            PhotoGround { off_m: vec![([0.0, 0.0], 5.0); 5], sigma_m: 0.1 }.issue(),
             None,
             "five places are too few"
         );

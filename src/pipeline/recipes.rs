@@ -1,0 +1,208 @@
+//! Settings that decide the result of a stage or of a part of a city: recipes are made of them.
+//!
+//! Listed here are the settings that do *not* count. A table of the configuration that is not listed counts from the first stage
+//! on: at worst a stage runs again without need.
+
+use serde_json::{Map, Value, json};
+
+use super::Stage;
+use crate::config::RunConfig;
+use sizeup_footprints::FootprintSource;
+use sizeup_photos::prior::PriorConfig;
+
+/// The first stage that a table of the configuration decides; the last for those that only writers use.
+fn first_stage(table: &str) -> Stage {
+    match table {
+        "footprints" | "terrain" | "dtm" | "ground" => Stage::Footprints,
+        "seed" | "heights" | "prior" | "optimise" | "refinement" => Stage::Heights,
+        "reviews" | "output" | "limits" => Stage::Output,
+        _ => Stage::Survey,
+    }
+}
+
+/// The tables of a configuration; `auto` priors are replaced by those that they choose.
+fn tables(config: Value, prior: &PriorConfig) -> Map<String, Value> {
+    let Value::Object(mut tables) = config else { return Map::new() };
+    tables.insert("prior".to_owned(), json!(*prior.chosen()));
+    tables
+}
+
+/// Takes keys out of one of the tables.
+fn without(tables: &mut Map<String, Value>, table: &str, keys: &[&str]) {
+    if let Some(Value::Object(table)) = tables.get_mut(table) {
+        keys.iter().for_each(|&key| drop(table.remove(key)));
+    }
+}
+
+/// Settings that decide the results of stages, wherever these results go.
+#[derive(Debug, Clone)]
+pub(super) struct Decisive {
+    /// The tables of the configuration as it is saved beside the results.
+    tables: Map<String, Value>,
+    /// Settings that decide the result of a part of a city, a table of tables.
+    pub of_part: Value,
+    /// Whether a run checks how well its poses fit the photos.
+    is_aligned: bool,
+    /// Whether footprints are found by a network that may take its depth from the run's priors.
+    depth_of_footprints_is_prior: bool,
+    /// Whether depth comes from matching the photos with each other.
+    from_photos: bool,
+}
+
+impl Decisive {
+    /// Settings of a configuration.
+    pub fn of(config: &RunConfig, is_aligned: bool) -> Self {
+        let saved = config.saved();
+        Self {
+            tables: tables(json!(saved), &saved.prior),
+            of_part: of_part(tables(json!(config), &config.prior)),
+            is_aligned,
+            depth_of_footprints_is_prior: matches!(config.footprints, FootprintSource::Network(_)),
+            from_photos: config.prior.matches_photos(),
+        }
+    }
+
+    /// Settings that decide the result of a stage and those before it, a table of tables.
+    pub fn of_stage(&self, stage: Stage) -> Value {
+        let of = |name: &str| self.tables.get(name).cloned().unwrap_or_default();
+        let mut tables = self.tables.clone();
+        tables.retain(|name, _| first_stage(name) <= stage && first_stage(name) < Stage::Output);
+        // The folder of the results, the day and the name of the datum are for writers.
+        without(&mut tables, "project", &["output", "vertical_reference", "reference_date"]);
+        if self.is_aligned {
+            tables.insert("ground of poses".to_owned(), of("terrain"));
+        } else {
+            tables.remove("align");
+        }
+        if stage >= Stage::Footprints && self.depth_of_footprints_is_prior {
+            tables.insert("depth of footprints".to_owned(), json!([of("prior"), of("heights")]));
+        }
+        // A level is compared with the poses. Photos are checked where depth is matched from them.
+        let level = of("terrain").get("constant_m").cloned().unwrap_or_default();
+        tables.insert("level of poses".to_owned(), level);
+        tables.insert("photos are looked at".to_owned(), json!(self.from_photos));
+        Value::Object(tables)
+    }
+}
+
+/// Tables that decide the result of a part of a city: not those of the survey, whose views are given, nor of the reviews, which are
+/// read, nor those of outputs of the whole city.
+fn of_part(mut tables: Map<String, Value>) -> Value {
+    for given in ["survey", "align", "reviews", "limits"] {
+        tables.remove(given);
+    }
+    without(&mut tables, "project", &["output"]);
+    without(&mut tables, "output", &["pictures", "geopackage", "report"]);
+    Value::Object(tables)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+    use std::path::Path;
+
+    use super::super::RunSettings;
+    use super::*;
+    use crate::recipe::Recipe;
+
+    fn of_stage(config: &RunConfig, stage: Stage) -> Value {
+        RunSettings::of(config).artefacts.decisive.of_stage(stage)
+    }
+
+    const TEXT: &str = "\
+        [project]\ncrs = \"EPSG:25832\"\n[survey]\npath = \"poses\"\n[footprints]\npath = \"a.gpkg\"\n\
+        [terrain]\nconstant_m = 3.0\n[prior]\nsource = \"files\"\npath = \"{stem}.npy\"\nkind = \"depth\"\n";
+    /// Poses are taken as they are.
+    const AS_GIVEN: &str = "align.when=\"never\"";
+
+    fn with(assignments: &[&str]) -> RunConfig {
+        let assignments: Vec<String> = assignments.iter().map(|&a| a.to_owned()).collect();
+        RunConfig::from_text(TEXT, Path::new("sizeup.toml"), &assignments).unwrap()
+    }
+
+    /// Whether one configuration makes what another came out as stale, by the first stages up to one.
+    fn is_stale(stage: Stage, before: &RunConfig, now: &RunConfig) -> bool {
+        let recipe = |config: &RunConfig| Recipe::new(&of_stage(config, stage));
+        recipe(now).why_stale(&recipe(before)).is_some()
+    }
+
+    /// One change of each table, where poses are taken as they are: the first stage that it makes stale, and whether it
+    /// does a part of a city.
+    const CHANGES: [(&str, Option<Stage>, bool); 21] = [
+        ("seed=7", Some(Stage::Heights), true),
+        ("project.crs=\"EPSG:25833\"", Some(Stage::Survey), true),
+        ("project.output=\"elsewhere\"", None, false),
+        ("project.vertical_reference=\"NAP\"", None, true),
+        ("project.reference_date=\"2026-05-01\"", None, true),
+        ("survey.accept_unsound=true", Some(Stage::Survey), false),
+        ("align.when=\"always\"", Some(Stage::Survey), false),
+        ("footprints.path=\"b.gpkg\"", Some(Stage::Footprints), true),
+        ("terrain.vertical_offset_m=1.0", Some(Stage::Footprints), true),
+        ("terrain.constant_m=4.0", Some(Stage::Survey), true),
+        ("dtm.spacing_m=20.0", Some(Stage::Footprints), true),
+        ("ground.reference=\"mean\"", Some(Stage::Footprints), true),
+        ("heights.max_m=12.0", Some(Stage::Heights), true),
+        ("prior.kind=\"inverse_depth\"", Some(Stage::Heights), true),
+        ("optimise.working_px=300", Some(Stage::Heights), true),
+        ("refinement.long_side_px=900", Some(Stage::Heights), true),
+        ("refinement.enabled=false", Some(Stage::Heights), true),
+        ("reviews.path=\"reviews.geojson\"", None, false),
+        ("output.fallback.source=\"attribute\"", None, true),
+        ("output.pictures=false", None, false),
+        ("limits.input_mb=100", None, false),
+    ];
+
+    #[test]
+    fn a_change_of_any_table_makes_stale_what_it_decides_and_nothing_else() {
+        let stages = [Stage::Survey, Stage::Footprints, Stage::Heights];
+        let recipe = |config: &RunConfig, stage| Recipe::new(&of_stage(config, stage));
+        let before = with(&[AS_GIVEN]);
+        let mut seen: BTreeMap<String, bool> = BTreeMap::new();
+        for (change, first, is_of_part) in CHANGES {
+            let now = with(&[AS_GIVEN, change]);
+            assert!(now != before, "{change} is a change");
+            for stage in stages {
+                let why = recipe(&now, stage).why_stale(&recipe(&before, stage));
+                assert_eq!(why.is_some(), first.is_some_and(|first| first <= stage), "{change}, {stage:?}: {why:?}");
+            }
+            let why = Recipe::new(RunSettings::of(&now).of_part())
+                .why_stale(&Recipe::new(RunSettings::of(&before).of_part()));
+            assert_eq!(why.is_some(), is_of_part, "{change}, a part: {why:?}");
+            seen.insert(change.split(['.', '=']).next().unwrap_or_default().to_owned(), true);
+        }
+        let Value::Object(tables) = json!(with(&["dtm.spacing_m=20.0", "reviews.path=\"reviews.geojson\""])) else {
+            panic!("a configuration is a table")
+        };
+        let forgotten: Vec<&String> = tables.keys().filter(|name| !seen.contains_key(*name)).collect();
+        assert!(forgotten.is_empty(), "tables that no change here is of: {forgotten:?}");
+    }
+
+    /// Poses that may be aligned with the photos depend on the ground: another ground, or no photos, gives other poses.
+    #[test]
+    fn the_ground_counts_for_poses_that_may_be_aligned() {
+        for change in ["terrain.vertical_offset_m=1.0", "refinement.enabled=false", AS_GIVEN] {
+            assert!(is_stale(Stage::Survey, &with(&[]), &with(&[change])), "{change}");
+        }
+        assert!(!is_stale(Stage::Survey, &with(&[]), &with(&["refinement.long_side_px=900"])));
+        let before = with(&["refinement.enabled=false"]);
+        assert!(!is_stale(
+            Stage::Survey,
+            &before,
+            &with(&["refinement.enabled=false", "terrain.vertical_offset_m=1.0"])
+        ));
+    }
+
+    /// A footprint network takes the run's depth: other priors, other footprints.
+    #[test]
+    fn priors_count_for_footprints_where_a_network_finds_them() {
+        let stale = |network: &str| {
+            is_stale(Stage::Footprints, &with(&[network]), &with(&[network, "prior.kind=\"inverse_depth\""]))
+        };
+        assert!(stale("footprints={source=\"network\"}") && !stale("footprints={path=\"a.gpkg\"}"));
+    }
+
+    #[test]
+    fn a_table_that_nobody_thought_of_counts_from_the_first_stage() {
+        assert_eq!(first_stage("new"), Stage::Survey);
+    }
+}
