@@ -32,7 +32,7 @@ function drawSummary(data) {
   const reasons = Object.entries(summary.n_by_reason);
   if (reasons.length > 0) {
     byId("summary").append(el("h3", { text: "Why heights are doubtful or missing" }),
-      table(["Reason", "Buildings", ""], reasons.map(([code, n]) => [words(code), String(n), REASONS[code] ?? ""])));
+      table(["Reason", "Buildings", "Meaning"], reasons.map(([code, n]) => [words(code), String(n), REASONS[code] ?? ""])));
   }
   byId("headline").textContent = summary.heights
     ? `median height ${metres(summary.heights.median_m)}, ${summary.n_by_status.doubtful ?? 0} doubtful, ${(summary.n_by_status.unknown ?? 0) + (summary.n_by_status.refused ?? 0)} without a height`
