@@ -36,7 +36,7 @@ use sizeup_results::output::unmeasured::unmeasured;
 use sizeup_results::output::{
     BuildingRecord, CityModel, InputFile, Lineage, StatusCount, cityjson, geopackage, sha256_hex,
 };
-use sizeup_survey::{Survey, ViewKind};
+use sizeup_survey::{Survey, ViewKind, flight_day};
 
 pub(super) fn run(
     config: &RunConfig,
@@ -498,7 +498,8 @@ fn lineage(
     };
     let inputs: Result<Vec<InputFile>, FileError> =
         files.iter().filter(|(_, path)| path.is_file()).map(hashed).collect();
-    Ok(lineage_of(config, &options.command, inputs?))
+    let photos = heights.solution.used_views.iter().filter_map(|&view| survey.views[view].image.as_ref());
+    Ok(lineage_of(config, &options.command, inputs?).of_day(|| flight_day(photos)))
 }
 
 /// The origin of a result that was made from some files.
