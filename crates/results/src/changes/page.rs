@@ -74,7 +74,7 @@ fn table(page: &mut String, report: &ChangesReport) {
         return;
     }
     page.push_str(
-        "<h2>Buildings</h2>\n<div class=\"wide\"><table>\n<tr><th>change</th><th>new id</th><th>old id</th><th>height before, m</th>\
+        "<h2>Buildings</h2>\n<div class=\"wide\" tabindex=\"0\" role=\"group\" aria-label=\"Buildings\"><table>\n<tr><th>change</th><th>new id</th><th>old id</th><th>height before, m</th>\
          <th>now, m</th><th>difference, m</th><th>sigma, m</th><th>why</th></tr>\n",
     );
     rows.iter().take(N_ROWS).for_each(|change| row(page, change));

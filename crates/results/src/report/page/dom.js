@@ -30,7 +30,7 @@ function table(heads, rows, { first = 100, caption = null } = {}) {
     }
   };
   add(0, first);
-  const whole = el("div", { class: "table" },
+  const whole = el("div", { class: "table", tabindex: 0, role: "group", "aria-label": caption ?? heads.join(", ") },
     el("table", {}, caption && el("caption", { text: caption }),
       el("thead", {}, el("tr", {}, heads.map((head) => el("th", { scope: "col", text: head })))), body));
   if (rows.length > first) {

@@ -66,7 +66,7 @@ function drawBuildings(data) {
     found.sort(orders[order.value][1]);
     const rows = found.map((b) => [linkTo(b), metres(b.height), b.sigma === null ? "–" : `± ${number(b.sigma, 2)} m`, words(b.status),
       b.reasons.map(words).join(", "), String(b.views.length)]);
-    box.replaceChildren(table(["Building", "Height", "Uncertainty", "Status", "Reasons", "Photos"], rows, { first: 25, caption: `${found.length} of ${data.buildings.length}` }));
+    box.replaceChildren(table(["Building", "Height", "Uncertainty", "Status", "Reasons", "Photos"], rows, { first: 25, caption: `${found.length} of ${data.buildings.length}${data.summary.n_parts > 0 ? ", parts of buildings among them" : ""}` }));
   };
   [search, status, order].forEach((input) => input.addEventListener("input", draw));
   section.append(el("div", { class: "filters" }, search, status, order), box);
