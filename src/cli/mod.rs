@@ -17,6 +17,7 @@ mod look;
 mod manual;
 mod model;
 mod prior;
+mod overall;
 mod progress;
 mod run;
 mod schema;
