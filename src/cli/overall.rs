@@ -26,11 +26,14 @@ impl Overall {
         if let Event::Stage(stage) = *event {
             let ended = self.stage.replace((stage, Instant::now()));
             self.reach(Self::range(stage)[0]);
-            return ended.map(|(stage, began)| format!("{} done in {:.0} s", words(stage), began.elapsed().as_secs_f64()));
+            return ended
+                .map(|(stage, began)| format!("{} done in {:.0} s", words(stage), began.elapsed().as_secs_f64()));
         }
         let (done, total) = match *event {
-            Event::Align { done, total } | Event::Photos { done, total } | Event::Ground { done, total } => (done, total),
-            Event::Advance { done, total, .. } => (done, total),
+            Event::Align { done, total }
+            | Event::Photos { done, total }
+            | Event::Ground { done, total }
+            | Event::Advance { done, total, .. } => (done, total),
             Event::Stage(_) | Event::PriorsDoubted { .. } => return None,
         };
         if let (Some((stage, _)), true) = (self.stage, total > 0) {
@@ -99,7 +102,13 @@ mod tests {
         let ended: Vec<&str> = told.iter().flatten().filter_map(|words| words.split(' ').next()).collect();
         assert_eq!(ended, ["survey", "footprints", "heights"]);
         let mut overall = Overall::default();
-        let shares: Vec<f64> = events.iter().filter_map(|event| { overall.take(event); overall.share() }).collect();
+        let shares: Vec<f64> = events
+            .iter()
+            .filter_map(|event| {
+                overall.take(event);
+                overall.share()
+            })
+            .collect();
         assert!(shares.is_sorted(), "{shares:?}");
         assert_eq!((shares[0], shares[1], shares[7]), (0.0, 0.04, 0.65));
     }

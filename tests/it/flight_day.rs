@@ -1,6 +1,7 @@
 //! The day of a flight, as the photos' EXIF has it, in every result.
 
 use std::fs;
+use std::path::Path;
 
 use gdal::vector::LayerAccess as _;
 use serde_json::Value;
@@ -30,7 +31,8 @@ fn with_photos(taken: impl Fn(usize) -> String) -> Scene {
     let scene = Scene::new();
     fs::create_dir_all(scene.path("images")).unwrap();
     let listed = fs::read_to_string(scene.path("sparse/images.txt")).unwrap();
-    let names: Vec<&str> = listed.split_whitespace().filter(|word| word.ends_with(".jpg")).collect();
+    let names: Vec<&str> =
+        listed.split_whitespace().filter(|word| Path::new(word).extension().is_some_and(|end| end == "jpg")).collect();
     assert_eq!(names.len(), N_VIEWS);
     for (i, name) in names.iter().enumerate() {
         fs::write(scene.path("images").join(name), photo(&taken(i))).unwrap();

@@ -17,7 +17,7 @@ use super::mesh::{TriangleSolid, cannot_write, kind_name, one_line};
 use super::{BuildingRecord, CityModel, OutputError, Overview, Records};
 use sizeup_geo::files::write_whole_or;
 
-/// Layers and their colours, numbers of the AutoCAD index.
+/// Layers and their colours, numbers of `AutoCAD`'s index.
 const LAYERS: [(&str, u8); 5] = [("FOOTPRINTS", 7), ("IDS", 8), ("GROUND", 9), ("ROOF", 1), ("WALL", 254)];
 /// Height of the ids' letters, metres: legible in a plan of 1 : 500.
 const LETTER_M: f64 = 1.0;

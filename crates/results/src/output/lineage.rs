@@ -75,14 +75,15 @@ pub struct InputFile {
     /// Path as the configuration beside the results has it.
     pub path: String,
     /// Size of the file, bytes.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "no_bytes")]
     pub size_bytes: u64,
     /// SHA-256 of the content, hexadecimal.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub sha256: String,
 }
 
-fn is_zero(size_bytes: &u64) -> bool {
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands a reference")]
+fn no_bytes(size_bytes: &u64) -> bool {
     *size_bytes == 0
 }
 

@@ -124,7 +124,7 @@ fn stl(out: &mut dyn Write, solid: &TriangleSolid, lowest: i64) -> io::Result<()
         let [a, b, c] = corners.map(at);
         let normal = (b - a).cross(c - a).normalize_or_zero();
         let above_lowest = |p: DVec3| p - DVec3::Z * (lowest as f64 * SCALE_M);
-        for value in [normal, above_lowest(a), above_lowest(b), above_lowest(c)].iter().flat_map(|v| v.to_array()) {
+        for value in [normal, above_lowest(a), above_lowest(b), above_lowest(c)].iter().flat_map(DVec3::to_array) {
             out.write_all(&(value as f32).to_le_bytes())?;
         }
         out.write_all(&[0; 2])?;
