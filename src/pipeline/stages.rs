@@ -498,7 +498,7 @@ fn lineage(
     };
     let inputs: Result<Vec<InputFile>, FileError> =
         files.iter().filter(|(_, path)| path.is_file()).map(hashed).collect();
-    let photos = heights.solution.used_views.iter().filter_map(|&view| survey.views[view].image.as_ref());
+    let photos = survey.views.iter().filter_map(|view| view.image.as_ref());
     Ok(lineage_of(config, &options.command, inputs?).of_day(|| flight_day(photos)))
 }
 
