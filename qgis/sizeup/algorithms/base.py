@@ -149,6 +149,7 @@ class SizeupAlgorithm(QgsProcessingAlgorithm, Speaks):
             "heights": self.tr("Finding heights"), "output": self.tr("Writing the results"),
             "ground": self.tr("Looking for the ground in the photos"), "tracing": self.tr("Tracing rays"),
             "priors": self.tr("Depth of the photos"), "epochs": self.tr("Moving roofs"),
+            "photos": self.tr("Looking at the photos"), "align": self.tr("Aligning the poses with the photos"),
         }.get(work, work)
 
     def load_city(self, file: Optional[Path], context) -> None:
