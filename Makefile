@@ -45,6 +45,7 @@ networks: deps-networks ## Export real architectures with random weights into ta
 	target/networks/bin/python tools/export_depth_networks.py target/networks/graphs
 
 demo: deps ## Build, simulate a small town, find its heights, and show the result
+	@echo "Building the program: minutes the first time, seconds later. The demo itself follows and says where its first picture is."
 	$(CARGO) build --release --locked
 	target/release/sizeup demo --output $(DEMO_DIR)
 

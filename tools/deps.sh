@@ -28,8 +28,8 @@ readonly SNAKEMAKE=9.27.1 SNAKEMAKE_SLURM=2.8.0 SNAKEMAKE_KUBERNETES=0.5.1 SNAKE
 readonly KUBERNETES_VALIDATE=1.37.0 PYGMENTS=2.21.0
 readonly ONNXRUNTIME=1.31.1 TRANSFORMERS=4.48.3 ONNX=1.17.0 DEPTH_ANYTHING_3=0.1.1
 readonly TORCH=2.15.0 TORCHVISION=0.29.2 TRANSFORMERS_5=5.24.0 ONNX_5=1.23.2 ONNXSCRIPT=0.7.2 OPENCV=5.0.0.93 SAM3=0.1.4
-readonly VAL3DITY=2.6.0
-readonly CJIO=0.10.1 FLATCITYBUF=0.5.2 CESIUM=1.145.0 GLTF_VALIDATOR=2.0.0-dev.3.10 TILES_VALIDATOR=0.6.1 PLAYWRIGHT=1.65.1
+readonly VAL3DITY=2.6.0 PYSFCGAL=2.3.0 CITYSMITH=0.2.0
+readonly CJIO=0.10.1 FLATCITYBUF=0.5.2 CESIUM=1.145.0 GLTF_VALIDATOR=2.0.0-dev.3.10 TILES_VALIDATOR=0.6.1 PLAYWRIGHT=1.65.1 AXE=4.14.1
 tools="$(cd "$(dirname "$0")/.." && pwd)/target/tools"
 readonly tools
 
@@ -90,6 +90,8 @@ wheel_tools() {
 test_tools() {
   local missing=()
   command -v ogrinfo >/dev/null || missing+=(gdal-bin)
+  # Reads what a browser prints.
+  command -v pdftotext >/dev/null || missing+=(poppler-utils)
   command -v python3 >/dev/null || missing+=(python3)
   python3 -c 'import ensurepip' 2>/dev/null || missing+=(python3-venv)
   # What tools/exports.py writes other programs' files with.
@@ -107,6 +109,16 @@ test_tools() {
       "$tools/flatcitybuf/bin/pip" install -q --disable-pip-version-check "flatcitybuf==$FLATCITYBUF"; } ||
       say "flatcitybuf could not be installed: the test that uses it is skipped"
   fi
+  if ! "$tools/sfcgal/bin/pip" show pysfcgal 2>/dev/null | grep -q "$PYSFCGAL"; then
+    say "installing pysfcgal $PYSFCGAL into target/tools"
+    { python3 -m venv "$tools/sfcgal" && "$tools/sfcgal/bin/pip" install -q --disable-pip-version-check "pysfcgal==$PYSFCGAL"; } ||
+      say "pysfcgal could not be installed: the tests that ask SFCGAL are skipped"
+  fi
+  if ! "$tools/citysmith/bin/pip" show citysmith 2>/dev/null | grep -q "$CITYSMITH"; then
+    say "installing citysmith $CITYSMITH into target/tools"
+    { python3 -m venv "$tools/citysmith" && "$tools/citysmith/bin/pip" install -q --disable-pip-version-check "citysmith==$CITYSMITH"; } ||
+      say "citysmith could not be installed: the test of CityGML by its schemas is skipped"
+  fi
   ( qgis ) || say "QGIS could not be installed: the tests that open results in it are skipped"
   ( web ) || say "no browser could be installed: the tests that open pages in it are skipped"
 }
@@ -122,7 +134,7 @@ web() {
   # One by one: a registry may lack one of them, and only its tests are skipped then.
   local package
   for package in "gltf-validator@$GLTF_VALIDATOR" "cesium@$CESIUM" "3d-tiles-validator@$TILES_VALIDATOR" \
-    "playwright-core@$PLAYWRIGHT"; do
+    "playwright-core@$PLAYWRIGHT" "axe-core@$AXE"; do
     if [ ! -d "$tools/web/node_modules/${package%@*}" ]; then
       say "installing $package into target/tools"
       npm install --prefix "$tools/web" --no-audit --no-fund --silent "$package" ||

@@ -154,12 +154,22 @@ class RunSettings:
 
     def assignments(self) -> List[str]:
         """Further settings, `table.key=value`, one `--set` each; empty lines and comments are passed over."""
-        lines = [line.strip() for text in self.more for line in text.splitlines()]
-        lines = [line for line in lines if line and not line.startswith("#")]
-        for line in lines:
-            if "=" not in line.lstrip("="):
-                raise ConfigError(f"further settings: {line!r} is not of the form table.key=value")
-        return lines
+        return settings_of("\n".join(self.more))
+
+
+def settings_of(text: str) -> List[str]:
+    """Settings of a text, `table.key=value`, one a line; empty lines and comments are passed over."""
+    lines = [line.strip() for line in text.splitlines()]
+    lines = [line for line in lines if line and not line.startswith("#")]
+    for line in lines:
+        if "=" not in line.lstrip("="):
+            raise ConfigError(f"further settings: {line!r} is not of the form table.key=value")
+    return lines
+
+
+def setting(key: str, value: Any) -> str:
+    """One setting as the program's `--set` takes it."""
+    return f"{key}={_value(value)}"
 
 
 def absolute(path: str) -> str:

@@ -55,6 +55,11 @@ class Footprints(Speaks):
         """Whether the program reads a copy: of what is selected, filtered, in a database or in memory."""
         return self._own_file is None
 
+    def part_from_others(self) -> None:
+        """Makes `file` write a copy where the layer's own file has other layers, too."""
+        if self._own_file is not None and len(QgsProviderRegistry.instance().querySublayers(self._own_file.path)) > 1:
+            self._own_file = None
+
     def file(self, copy: Path) -> Layer:
         """The layer's own file, or `copy`, a GeoPackage that is written now."""
         if self._own_file is not None:

@@ -32,6 +32,7 @@ class SizeupPlugin(Speaks):
     def initGui(self) -> None:  # noqa: N802, the name is QGIS's
         """The algorithms, and what is in the menu."""
         self.initProcessing()
+        self._add(self.tr("City from a folder of photos…"), lambda: _open("sizeup:city"))
         self._add(self.tr("Estimate heights…"), lambda: _open("sizeup:heights"))
         self._add(self.tr("Review buildings"), self.show_review)
 

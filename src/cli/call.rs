@@ -1,8 +1,8 @@
 //! How the program was called. A binary is told by its system; in a module of Python it is Python that was called, so the
 //! module says it here.
 
-use std::ffi::OsString;
-use std::path::PathBuf;
+use std::ffi::{OsStr, OsString};
+use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use clap::error::{ContextKind, ContextValue};
@@ -42,8 +42,10 @@ impl Call {
     /// The command line, for the lineage of results.
     #[must_use]
     pub fn line(&self) -> String {
-        let words: Vec<_> = self.arguments.iter().map(|word| word.to_string_lossy()).collect();
-        words.join(" ")
+        // The folder of the program is private to its user.
+        let program = self.arguments.first().and_then(|program| Path::new(program).file_name());
+        let words = program.into_iter().chain(self.arguments.iter().skip(1).map(OsString::as_os_str));
+        words.map(OsStr::to_string_lossy).collect::<Vec<_>>().join(" ")
     }
 }
 

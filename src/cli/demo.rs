@@ -22,11 +22,14 @@ pub struct DemoArgs {
 
 pub(super) fn run(args: &DemoArgs, global: &Global) -> Result<u8, Failure> {
     let ui = Ui::new(global);
-    ui.say("1. Simulating a small town with known heights: photos, poses, footprints, terrain and depth priors");
+    ui.say("1 of 3: simulating a small town with known heights: photos, poses, footprints, terrain and depth priors (half of the time)");
     let preset = SimulateConfig::preset("demo").map_err(|e| Failure::new(4, &e))?;
     let scene = simulate_scene(&preset, &args.output.join("scene"), &ui)?;
 
-    ui.say("2. Finding the heights: this is what `sizeup run` does with your data");
+    if let Some(photo) = first_photo(&args.output.join("scene/images")) {
+        ui.say(format!("   a photo of the town: {}", photo.display()));
+    }
+    ui.say("2 of 3: finding the heights: this is what `sizeup run` does with your data (the other half)");
     let mut config = RunConfig::load(&scene.run_config, &[]).map_err(|e| Failure::new(4, &e))?;
     config.limits.set();
     config.project.output = args.output.join("result");
@@ -34,7 +37,7 @@ pub(super) fn run(args: &DemoArgs, global: &Global) -> Result<u8, Failure> {
     let summary = pipeline::run(&config, &options, &|event| ui.tell(event));
     report_summary(&ui, summary)?;
 
-    ui.say("3. Comparing with the truth");
+    ui.say("3 of 3: comparing with the truth");
     let results = read_results(&config.project.output.join("city.city.json"), &config.project.crs);
     let results = results.map_err(|e| Failure::new(4, &e))?;
     let truth = read_truth(&scene.truth, &TruthOptions::default(), &config.project.crs);
@@ -55,6 +58,11 @@ pub(super) fn run(args: &DemoArgs, global: &Global) -> Result<u8, Failure> {
         scene.run_config.display()
     ));
     Ok(0)
+}
+
+/// Returns the first photo by name, for a person to look at while the program works.
+fn first_photo(folder: &Path) -> Option<PathBuf> {
+    std::fs::read_dir(folder).ok()?.filter_map(|entry| Some(entry.ok()?.path())).min()
 }
 
 /// Simulates a scene with a progress bar.

@@ -12,7 +12,7 @@ use sizeup_results::output::geopackage::{self, GeoPackageConfig, ProjectGround};
 use sizeup_results::output::read::{LAYERED_RESULTS, RESULTS, ReadOptions, RecordFile, result_file};
 use sizeup_results::output::tiles3d::{self, Heights, Precision, Tiles3dConfig};
 use sizeup_results::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records};
-use sizeup_results::output::{flatcitybuf, flatgeobuf, geojson};
+use sizeup_results::output::{citygml, csv, dxf, flatcitybuf, flatgeobuf, geojson, kml, mesh};
 use sizeup_survey::Survey;
 
 /// Arguments of `sizeup export`.
@@ -82,6 +82,24 @@ pub enum ExportFormat {
     /// GeoJSON in longitude and latitude, footprints with all attributes: .geojson.
     #[value(name = "geojson")]
     GeoJson,
+    /// CityGML 2.0, blocks and roofs with heights, roof types and storeys: .gml.
+    #[value(name = "citygml")]
+    CityGml,
+    /// OBJ, triangles of all solids for modelling: .obj.
+    #[value(name = "obj")]
+    Obj,
+    /// STL, closed solids on one plate for printers: .stl.
+    #[value(name = "stl")]
+    Stl,
+    /// DXF, 3D faces and footprints for CAD: .dxf.
+    #[value(name = "dxf")]
+    Dxf,
+    /// KML, blocks on a globe: .kml.
+    #[value(name = "kml")]
+    Kml,
+    /// CSV, a table with the meanings of its columns beside it: .csv.
+    #[value(name = "csv")]
+    Csv,
     /// 3D Tiles 1.1, a folder.
     #[value(name = "3dtiles")]
     Tiles3d,
@@ -179,6 +197,12 @@ impl ExportFormat {
             Self::GeoPackage => Some("gpkg"),
             Self::FlatGeobuf => Some("fgb"),
             Self::GeoJson => Some("geojson"),
+            Self::CityGml => Some("gml"),
+            Self::Obj => Some("obj"),
+            Self::Stl => Some("stl"),
+            Self::Dxf => Some("dxf"),
+            Self::Kml => Some("kml"),
+            Self::Csv => Some("csv"),
             Self::Tiles3d => None,
         }
     }
@@ -234,6 +258,12 @@ fn write<R: Records + ?Sized>(
         }
         ExportFormat::FlatGeobuf => flatgeobuf::write(path, model),
         ExportFormat::GeoJson => geojson::write(path, model),
+        ExportFormat::CityGml => citygml::write(path, model),
+        ExportFormat::Obj => mesh::write_obj(path, model),
+        ExportFormat::Stl => mesh::write_stl(path, model),
+        ExportFormat::Dxf => dxf::write(path, model),
+        ExportFormat::Kml => kml::write(path, model),
+        ExportFormat::Csv => csv::write(path, model),
         ExportFormat::Tiles3d => {
             let heights = match (args.geoid_height, args.heights) {
                 (Some(geoid_m), _) => Heights::GeoidHeight(geoid_m),

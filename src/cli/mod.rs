@@ -16,6 +16,7 @@ mod init;
 mod look;
 mod manual;
 mod model;
+mod overall;
 mod prior;
 mod progress;
 mod run;

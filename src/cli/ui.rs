@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use super::overall::Overall;
 use super::progress::{LogLines, MessageLevel, Pace, ProgressEvent, ProgressForm};
 use super::{Global, talk};
 use crate::pipeline::Event;
@@ -39,6 +40,7 @@ pub(super) fn warn_of_unfinished(path: &std::path::Path, global: &Global) {
 pub struct Ui {
     is_quiet: bool,
     voice: Voice,
+    overall: Mutex<Overall>,
 }
 
 /// How it is talked.
@@ -61,7 +63,7 @@ impl Ui {
             ProgressForm::Text if !global.quiet && std::io::stderr().is_terminal() => Voice::Bar(new_bar()),
             ProgressForm::Text => Voice::Lines(Mutex::new(None)),
         };
-        Self { is_quiet: global.quiet, voice }
+        Self { is_quiet: global.quiet, voice, overall: Mutex::default() }
     }
 
     /// One line of talk.
@@ -100,6 +102,20 @@ impl Ui {
         if let (Voice::Events(_), Event::Stage(stage), false) = (&self.voice, event, self.is_quiet) {
             ProgressEvent::Stage { stage }.emit();
             return;
+        }
+        if let (Voice::Bar(bar), Ok(mut overall), false) = (&self.voice, self.overall.lock(), self.is_quiet) {
+            if let Some(ended) = overall.take(&event) {
+                bar.suspend(|| talk(&ended));
+            }
+            // Before the first stage, as where only priors are computed, the bar is that of the work.
+            let of_the_whole = overall.share().filter(|_| !matches!(event, Event::PriorsDoubted { .. }));
+            if let Some(share) = of_the_whole {
+                bar.set_style(style_of(BAR_OF_A_RUN));
+                bar.set_length(STEPS_OF_A_RUN);
+                bar.set_position((share * STEPS_OF_A_RUN as f64) as u64);
+                bar.set_message(overall.stage_in_words());
+                return;
+            }
         }
         let (work, done, total) = match event {
             Event::Stage(stage) => return self.advance(stage.name(), 0, 0),
@@ -145,11 +161,21 @@ pub(super) const GROUND: Work = ("ground", "looking at the ground");
 /// Computing priors ahead of a run.
 pub(super) const PRIORS: Work = ("priors", "computing priors");
 
+/// Bar of some work: how much of it is done.
+const BAR_OF_WORK: &str = "{msg:>20} {wide_bar:.cyan/black} {pos}/{len} {elapsed}";
+/// Bar of a whole run: the stage, the share that is done, and the time left if it goes on as so far.
+const BAR_OF_A_RUN: &str = "{msg:>20} {wide_bar:.cyan/black} {percent} % {elapsed}, {eta} left";
+/// Steps of the bar of a run: finer than a terminal shows.
+const STEPS_OF_A_RUN: u64 = 1000;
+
 fn new_bar() -> ProgressBar {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
-    let style = ProgressStyle::with_template("{msg:>20} {wide_bar:.cyan/black} {pos}/{len} {elapsed}");
-    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.set_style(style_of(BAR_OF_WORK));
     bar
+}
+
+fn style_of(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
 fn advance_in_lines(last: &Mutex<Option<(String, Instant)>>, what: &str, done: usize, total: usize) {

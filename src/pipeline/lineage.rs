@@ -10,7 +10,7 @@ use sizeup_geo::files::FileError;
 use sizeup_geo::geodata::source;
 use sizeup_photos::prior::Priors;
 use sizeup_results::output::{InputFile, Lineage};
-use sizeup_survey::Survey;
+use sizeup_survey::{Survey, flight_day};
 
 /// Origin of a run's results: the files that it read, and its settings.
 pub(super) fn lineage(
@@ -44,7 +44,8 @@ pub(super) fn lineage(
     };
     let inputs: Result<Vec<InputFile>, FileError> =
         files.iter().filter(|(_, path)| path.is_file()).map(hashed).collect();
-    Ok(settings.origin.lineage(command, inputs?))
+    let photos = survey.views.iter().filter_map(|view| view.image.as_ref());
+    Ok(settings.origin.lineage(command, inputs?).of_day(|| flight_day(photos)))
 }
 
 impl Origin<'_> {

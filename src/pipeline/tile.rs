@@ -27,7 +27,7 @@ use sizeup_heights::ids::{ViewId, with_wholes};
 use sizeup_heights::optimise::solve;
 use sizeup_results::output::reviews::Reviews;
 use sizeup_results::output::{BuildingRecord, InputFile, Lineage, sha256_hex};
-use sizeup_survey::Survey;
+use sizeup_survey::{Survey, flight_day};
 
 /// A part of a city, ready to be solved.
 pub struct CityPart<'a> {
@@ -332,7 +332,8 @@ impl<'a> CityPart<'a> {
     #[must_use]
     pub fn lineage(&self, command: &str, inputs: Vec<InputFile>) -> Lineage {
         let settings = self.settings.of_part().to_string();
-        let whole = self.settings.origin.lineage(command, inputs);
-        Lineage { config_sha256: sha256_hex(settings.as_bytes()), ..whole }
+        let lineage = self.settings.origin.lineage(command, inputs);
+        let photos = self.survey.views.iter().filter_map(|view| view.image.as_ref());
+        Lineage { config_sha256: sha256_hex(settings.as_bytes()), ..lineage.of_day(|| flight_day(photos)) }
     }
 }

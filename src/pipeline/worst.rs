@@ -1,7 +1,7 @@
 //! The one thing to know of a run that did not go well.
 
 use std::cmp::Reverse;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_results::output::unmeasured::{in_words, is_of_fallback};
@@ -32,22 +32,37 @@ fn sentence(issue: &Issue) -> String {
     }
 }
 
-/// How many heights could not be measured, or are doubtful, and the commonest reason.
+/// How many heights could not be measured, or are doubtful, and the commonest reason. Buildings are counted, one in parts as its
+/// worst part, as everywhere else.
 fn not_measured(records: &[BuildingRecord]) -> Option<String> {
-    let of = |holds: fn(Status) -> bool| -> Vec<&BuildingRecord> {
-        records.iter().filter(|record| holds(record.status)).collect()
-    };
-    let without = of(|status| !matches!(status, Status::Measured | Status::Reviewed | Status::Doubtful));
-    let doubtful = of(|status| status == Status::Doubtful);
-    let weighs_more = WEIGHT_WITHOUT * without.len() >= doubtful.len();
-    let (those, are) = if weighs_more { (without, "could not be measured") } else { (doubtful, "are doubtful") };
-    let mut by_reason: BTreeMap<&str, usize> = BTreeMap::new();
-    for reason in those.iter().flat_map(|record| &record.reasons).filter(|r| !is_of_fallback(r)) {
-        *by_reason.entry(reason).or_default() += 1;
+    let mut status_of: BTreeMap<&str, Status> = BTreeMap::new();
+    for record in records {
+        let status = status_of.entry(building_of(record)).or_insert(record.status);
+        *status = record.status.max(*status);
     }
-    let (reason, n) = by_reason.into_iter().min_by_key(|(_, n)| Reverse(*n))?;
-    let of_them = if n < those.len() { format!(", {n} of them") } else { String::new() };
-    Some(format!("{} of {} heights {are}{of_them} because {}", those.len(), records.len(), in_words(reason)))
+    let is_without = |status: Status| !matches!(status, Status::Measured | Status::Reviewed | Status::Doubtful);
+    let is_doubtful = |status: Status| status == Status::Doubtful;
+    let count = |holds: &dyn Fn(Status) -> bool| status_of.values().filter(|status| holds(**status)).count();
+    let (n_without, n_doubtful) = (count(&is_without), count(&is_doubtful));
+    let (holds, n_those, are): (&dyn Fn(Status) -> bool, usize, &str) = if WEIGHT_WITHOUT * n_without >= n_doubtful {
+        (&is_without, n_without, "could not be measured")
+    } else {
+        (&is_doubtful, n_doubtful, "are doubtful")
+    };
+    let mut by_reason: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+    for record in records.iter().filter(|record| holds(record.status) && holds(status_of[building_of(record)])) {
+        for reason in record.reasons.iter().filter(|reason| !is_of_fallback(reason)) {
+            by_reason.entry(reason).or_default().insert(building_of(record));
+        }
+    }
+    let (reason, of_it) = by_reason.into_iter().min_by_key(|(_, buildings)| Reverse(buildings.len()))?;
+    let of_them = if of_it.len() < n_those { format!(", {} of them", of_it.len()) } else { String::new() };
+    Some(format!("{n_those} of {} heights {are}{of_them} because {}", status_of.len(), in_words(reason)))
+}
+
+/// The building of the input that a record is of.
+fn building_of(record: &BuildingRecord) -> &str {
+    record.part_of.as_deref().unwrap_or(&record.id)
 }
 
 #[cfg(test)]
@@ -65,7 +80,18 @@ mod tests {
             }
             BuildingRecord { status: Status::Unknown, reasons: vec![(*reason).to_owned()], ..measured }
         };
-        reasons.iter().map(of).collect()
+        let numbered = |(i, reason): (usize, &&str)| BuildingRecord { id: format!("b{i}"), ..of(reason) };
+        reasons.iter().enumerate().map(numbered).collect()
+    }
+
+    #[test]
+    fn a_building_in_parts_is_counted_once_as_its_worst_part() {
+        let mut parts = records(&["", "conflicting_views", "conflicting_views", ""]);
+        for part in &mut parts[1..] {
+            part.part_of = Some("row".to_owned());
+            part.status = if part.reasons.is_empty() { Status::Measured } else { Status::Doubtful };
+        }
+        assert_eq!(worst(&parts, &[]).unwrap(), "1 of 2 heights are doubtful because the photos disagree");
     }
 
     #[test]

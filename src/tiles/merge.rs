@@ -319,13 +319,16 @@ impl JoinedCity<'_> {
     /// The files that the plan was made from, and the priors of all tiles.
     fn lineage(&self, settings: &RunSettings<'_>) -> Result<Lineage, TilesError> {
         let mut inputs: BTreeSet<InputFile> = self.manifest.inputs.iter().cloned().collect();
+        let mut last_day = None;
         for path in self.files(LINEAGE) {
             let of_tile: Lineage = read_json(&path)?;
             let parts = [PART_OF_FOOTPRINTS, PART_OF_TERRAIN, PART_OF_REVIEWS];
             let is_whole = |file: &InputFile| !parts.contains(&file.role.as_str());
             inputs.extend(of_tile.inputs.into_iter().filter(is_whole));
+            last_day = last_day.max(of_tile.reference_date);
         }
-        Ok(settings.origin.lineage("sizeup tiles merge", inputs.into_iter().collect()))
+        let lineage = settings.origin.lineage("sizeup tiles merge", inputs.into_iter().collect());
+        Ok(lineage.of_day(|| last_day))
     }
 
     fn areas(&self) -> Vec<TileArea> {

@@ -216,6 +216,7 @@ fn the_page_lists_what_has_changed_whatever_ids_are_called() {
     assert!(page.contains("<td>&lt;b&gt;&amp;&quot;1&quot;</td><td>o1</td>") && !page.contains("<b>&"), "{page}");
     assert!(page.contains("<td class=\"n\">+4.00</td>") && page.contains("data:image/png;base64,"));
     assert!(!page.contains("<td>o0</td>"), "what is the same is counted only");
+    crate::report::is_accessible(&format!("file://{}", folder.path().join("changes/changes.html").display()));
 }
 
 #[test]

@@ -8,7 +8,7 @@ use sizeup::crs::Crs;
 use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::geopackage::{self, GeoPackageConfig};
 use sizeup::output::tiles3d::{self, Precision};
-use sizeup::output::{flatcitybuf, flatgeobuf, geojson};
+use sizeup::output::{citygml, csv, dxf, flatcitybuf, flatgeobuf, geojson, kml, mesh};
 
 use crate::outputs::{assert_valid_cityjson, town};
 use crate::tiles3d::{config, write_deep};
@@ -300,4 +300,197 @@ fn a_browser_shows_our_tiles_where_they_are_with_their_attributes() {
     colours.sort_unstable_by_key(|p| p.0);
     colours.dedup();
     assert!(colours.len() > 8, "{} colours", colours.len());
+}
+
+/// The town with a gable that the grid bends, so that its roof is of triangles.
+fn town_with_a_roof() -> crate::outputs::Town {
+    let mut town = town();
+    let shape = sizeup::output::RoofShape {
+        ridge_azimuth_deg: Some(17.0),
+        ..sizeup::output::RoofShape::new(sizeup::output::RoofForm::Gable, 5.0, 7.5)
+    };
+    (town.records[0].roof, town.records[0].height_m) = (Some(shape), Some(6.25));
+    town
+}
+
+/// Corners of the triangles of a binary STL.
+fn triangles_of_stl(path: &Path) -> Vec<[[u32; 3]; 3]> {
+    let bytes = std::fs::read(path).unwrap();
+    let n = u32::from_le_bytes(bytes[80..84].try_into().unwrap()) as usize;
+    assert_eq!(bytes.len(), 84 + 50 * n);
+    let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+    let corner = |t: usize, c: usize| std::array::from_fn(|axis| number(84 + 50 * t + 12 * (c + 1) + 4 * axis));
+    (0..n).map(|t| std::array::from_fn(|c| corner(t, c))).collect()
+}
+
+#[test]
+fn a_printer_gets_closed_solids_on_one_plate() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.stl");
+    mesh::write_stl(&path, &town_with_a_roof().model()).unwrap();
+    let triangles = triangles_of_stl(&path);
+    assert!(triangles.len() > 40, "{}", triangles.len());
+    // Every edge as often one way as the other: also where two houses share a wall.
+    let mut ways: std::collections::BTreeMap<[[u32; 3]; 2], i32> = std::collections::BTreeMap::new();
+    for [a, b, c] in &triangles {
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            let (edge, way) = if from < to { ([*from, *to], 1) } else { ([*to, *from], -1) };
+            *ways.entry(edge).or_default() += way;
+        }
+    }
+    assert!(ways.values().all(|way| *way == 0));
+    let metres = |bits: [u32; 3]| bits.map(|b| f64::from(f32::from_bits(b)));
+    let six_volumes: f64 = triangles
+        .iter()
+        .map(|corners| {
+            let [a, b, c] = corners.map(|corner| glam::DVec3::from_array(metres(corner)));
+            a.dot(b.cross(c))
+        })
+        .sum();
+    // The rows of 6.25 m, the tower and the courtyard stand on 11.4 m and reach 0.6 m farther than their heights above 12 m.
+    let lowest = triangles.iter().flatten().map(|corner| metres(*corner)[2]).fold(f64::INFINITY, f64::min);
+    let city = folder.path().join("town.city.json");
+    cityjson::write(&city, &town_with_a_roof().model(), &CityJsonConfig::default()).unwrap();
+    let objects = json(&city);
+    let stated_m3: f64 = objects["CityObjects"]
+        .as_object()
+        .unwrap()
+        .values()
+        .filter_map(|o| o["attributes"]["solid_volume_m3"].as_f64())
+        .sum();
+    assert_eq!(lowest, 0.0);
+    assert!((six_volumes / 6.0 / stated_m3 - 1.0).abs() < 0.01, "{} of {stated_m3}", six_volumes / 6.0);
+}
+
+#[test]
+fn an_obj_has_an_object_per_building_in_the_place_that_its_head_states() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.obj");
+    mesh::write_obj(&path, &town_with_a_roof().model()).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let objects: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("o ")).collect();
+    assert_eq!(objects, ["row 1", "row 2", "courtyard", "tower"]);
+    let origin: Vec<f64> = text.lines().nth(1).unwrap().split(' ').filter_map(|word| word.parse().ok()).collect();
+    let corners: Vec<[f64; 3]> = text
+        .lines()
+        .filter_map(|line| line.strip_prefix("v "))
+        .map(|line| {
+            let mut numbers = line.split(' ').zip(&origin).map(|(word, o)| word.parse::<f64>().unwrap() + o);
+            std::array::from_fn(|_| numbers.next().unwrap())
+        })
+        .collect();
+    assert!(corners.contains(&[93_000.0, 436_000.0, 11.4]), "{corners:?}");
+    let numbers = text.lines().filter_map(|line| line.strip_prefix("f ")).flat_map(|line| line.split(' '));
+    let numbers: Vec<usize> = numbers.map(|word| word.parse().unwrap()).collect();
+    assert_eq!(numbers.iter().max(), Some(&corners.len()));
+    for kind in ["ground", "roof", "wall"] {
+        assert!(text.contains(&format!("\ng {kind}\n")), "{kind}");
+    }
+}
+
+#[test]
+fn gdal_reads_our_dxf_with_faces_footprints_and_ids() {
+    let Some(ogrinfo) = program("ogrinfo", "deps-test") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.dxf");
+    let mut town = town_with_a_roof();
+    town.records[0].id = "Häuser 1".to_owned();
+    dxf::write(&path, &town.model()).unwrap();
+    let count = |layer: &str| -> usize {
+        let sql = format!("SELECT COUNT(*) AS n FROM entities WHERE Layer = '{layer}'");
+        let said = run(Command::new(&ogrinfo).arg(&path).args(["-dialect", "sqlite", "-sql", &sql]));
+        let of = |line: &str| line.split("n (Integer) = ").nth(1).map(|n| n.trim().parse().unwrap());
+        said.lines().find_map(of).unwrap_or_else(|| panic!("{said}"))
+    };
+    let all = run(Command::new(&ogrinfo).arg(&path).args(["-al", "-q"]));
+    assert!(count("ROOF") >= 5 && count("WALL") > 30, "{all}");
+    // The courtyard has two outlines; a building without a height has one, and no faces.
+    assert_eq!((count("FOOTPRINTS"), count("IDS")), (6, 5), "{all}");
+    // As CAD writes letters that release 12 has not.
+    assert!(all.contains("H\\U+00E4user 1"), "{all}");
+    assert!(all.contains("POLYGON Z ((93000 436000 11.4,"), "{all}");
+}
+
+#[test]
+fn gdal_reads_our_kml_on_the_globe_with_all_attributes() {
+    let Some(ogrinfo) = program("ogrinfo", "deps-test") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.kml");
+    kml::write(&path, &town().model()).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    assert!(text.contains("<extrude>1</extrude>") && text.contains("relativeToGround"), "{text}");
+    let said = run(Command::new(ogrinfo).arg(&path).args(["-al", "-q"]));
+    assert!(said.contains("Name (String) = tower") && said.contains("height_m (Real) = 61"), "{said}");
+    // Rotterdam, 61 m above the ground.
+    assert!(said.contains("(4.4") && said.contains(" 51.9") && said.contains(" 61"), "{said}");
+}
+
+#[test]
+fn a_spreadsheet_gets_a_row_per_building_and_the_meaning_of_each_column() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.csv");
+    csv::write(&path, &town().model()).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let described = json(&folder.path().join("town.csv-metadata.json"));
+    let columns = described["tableSchema"]["columns"].as_array().unwrap();
+    let names: Vec<&str> = columns.iter().map(|column| column["name"].as_str().unwrap()).collect();
+    assert_eq!(text.lines().next().unwrap(), names.join(","));
+    assert_eq!((text.lines().count(), &described["url"]), (7, &"town.csv".into()));
+    assert_eq!(names[names.len() - 2..], ["x_m", "y_m"]);
+    assert!(columns.iter().all(|column| column["dc:description"].as_str().is_some_and(|words| words.len() > 5)));
+    let tower = text.lines().find(|line| line.starts_with("tower,")).unwrap();
+    // Lists of the input have commas of their own: from the left up to our columns, from the right for the place.
+    let at = names.iter().position(|name| *name == "height_m").unwrap();
+    assert_eq!(tower.split(',').nth(at), Some("61"));
+    let x_m: f64 = tower.rsplit(',').nth(1).unwrap().parse().unwrap();
+    assert!((93_000.0..93_012.0).contains(&x_m), "{tower}");
+}
+
+/// The validator of `CityGML` 2.0 that brings the official schemas.
+fn citysmith() -> Option<std::path::PathBuf> {
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/tools/citysmith/bin/citysmith");
+    if !own.is_file() {
+        crate::skipped::skip("citysmith is not installed (make deps-test)");
+        return None;
+    }
+    Some(own)
+}
+
+#[test]
+fn our_citygml_is_valid_by_the_official_schemas() {
+    let Some(citysmith) = citysmith() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.gml");
+    let mut town = town_with_a_roof();
+    town.records[0].part_of = Some("row <1>".to_owned());
+    town.records[1].part_of = Some("row <1>".to_owned());
+    town.records[2].id = "Höfe & 2".to_owned();
+    citygml::write(&path, &town.model()).unwrap();
+    let said = run(Command::new(citysmith).arg("validate").arg("--schema-only").arg(&path));
+    assert!(said.contains("valid"), "{said}");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let n = |words: &str| text.matches(words).count();
+    assert_eq!((n("<bldg:Building gml:id"), n("<bldg:BuildingPart gml:id")), (5, 2));
+    // A gable; four with a height, of which all have both solids and a line on the ground.
+    assert_eq!((n("<bldg:roofType>3100<"), n("<bldg:measuredHeight")), (2, 4));
+    assert_eq!((n("<bldg:lod1Solid>"), n("<bldg:lod2Solid>"), n("<bldg:lod1TerrainIntersection>")), (4, 4, 4));
+    assert_eq!((n("<bldg:storeysAboveGround>"), n("urn:ogc:def:crs:EPSG::7415")), (4, 1));
+    // The address of the input comes along, and the day.
+    assert!(text.contains("<gen:stringAttribute name=\"street\"><gen:value>Zürich &quot;A&quot;</gen:value>"));
+    assert!(text.contains("<core:creationDate>2025-06-01</core:creationDate>"));
+    // Every face that a solid refers to is there.
+    for link in text.split("xlink:href=\"#").skip(1).filter_map(|rest| rest.split('"').next()) {
+        assert!(text.contains(&format!("<gml:Polygon gml:id=\"{link}\">")), "{link}");
+    }
+}
+
+#[test]
+fn gdal_reads_our_citygml_as_gml() {
+    let Some(ogrinfo) = program("ogrinfo", "deps-test") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.gml");
+    citygml::write(&path, &town_with_a_roof().model()).unwrap();
+    let said = run(Command::new(ogrinfo).arg(&path).args(["-al", "-so"]));
+    assert!(said.contains("Layer name: Building") && said.contains("Feature Count: 6"), "{said}");
+    assert!(said.contains("measuredHeight"), "{said}");
 }

@@ -246,6 +246,32 @@ fn every_building_is_in_the_cityjson_and_says_why_it_has_no_solid() {
 }
 
 #[test]
+fn the_header_names_the_inputs_and_keeps_commands_folders_and_priors_to_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("town.city.json");
+    let mut town = town();
+    town.lineage.command = "sizeup run /home/anna/town.toml".to_owned();
+    town.lineage.inputs[0].path = "/home/anna/town.gpkg".to_owned();
+    let prior = |i: usize| InputFile {
+        role: "prior".to_owned(),
+        path: format!("/home/anna/priors/{i}.npy"),
+        size_bytes: 9,
+        sha256: "22".repeat(32),
+    };
+    town.lineage.inputs.extend((0..40).map(prior));
+    cityjson::write(&path, &town.model(), &CityJsonConfig::default()).unwrap();
+    let file = read_json(&path);
+    let lineage = &file["metadata"]["sizeup"];
+    assert_eq!(lineage["inputs"], json!([{ "role": "footprints", "path": "town.gpkg" }]));
+    let text = file["metadata"].to_string();
+    assert!(!text.contains("anna") && !text.contains("priors") && text.len() < 1000, "{text}");
+    // What a comparison and an export need is still there.
+    let read = sizeup::output::read::RecordFile::open(&path, ReadOptions::default()).unwrap().lineage().unwrap();
+    assert_eq!((read.vertical_reference, read.seed), (town.lineage.vertical_reference, 7));
+    assert_eq!(read.reference_date.as_deref(), Some("2025-06-01"));
+}
+
+#[test]
 fn the_same_model_is_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let bytes = ["a", "b"].map(|name| {

@@ -124,10 +124,10 @@ fn qgis_opens_the_project_styled_and_in_place() {
     assert!([-9999.0, -32767.0, -3.4e38, 1e20].into_iter().all(is_void) && !is_void(0.0) && !is_void(8000.0));
     // Python reaches the terrain's scale from QGIS 3.26 on only.
     let text = std::fs::read_to_string(moved.path().join("town.qgs")).unwrap();
-    assert!(text.contains("<TerrainProvider offset=\"0.25\" scale=\"0.5\""), "{text}");
+    assert!(text.contains("<TerrainProvider offset=\"0.25\" scale=\"0.5\""));
     assert_eq!(
         report["layouts"]["Map, A4"]["items"],
-        serde_json::json!(["legend", "map", "north", "scale", "sources", "title"])
+        serde_json::json!(["legend", "map", "north", "place", "scale", "sources", "title"])
     );
     let titles = &report["layouts"]["Map, A4"]["titles"];
     assert_eq!(
@@ -135,9 +135,19 @@ fn qgis_opens_the_project_styled_and_in_place() {
         (&"Height above ground".into(), &"To be looked at".into())
     );
     let sources = report["layouts"]["Map, A4"]["sources"].as_str().unwrap();
+    assert!(sources.contains("Footprints: town.gpkg") && sources.contains("NAP"), "{sources}");
+    // Rotterdam, and the day.
+    let place = report["layouts"]["Map, A4"]["place"].as_str().unwrap();
     assert!(
-        sources.contains("Footprints: town.gpkg") && sources.contains("NAP") && sources.contains("2025-06-01"),
-        "{sources}"
+        place.starts_with("Place: 51.9") && place.contains("° N, 4.4") && place.ends_with("Date: 2025-06-01"),
+        "{place}"
+    );
+    // A font that is not there makes QGIS warn; a view that looks straight down shows no walls.
+    assert!(!text.contains("fontFamily"));
+    let camera = text.split("</qgis3d>").nth(1).unwrap();
+    assert!(
+        camera.trim_start().starts_with("<camera x=\"0\" y=\"0\" elev=") && camera.contains("pitch=\"50\""),
+        "{camera}"
     );
     // Solids with roofs are for the 3D view: the map does not draw them.
     for (layer, features, n_legend) in [
@@ -281,6 +291,12 @@ fn stands_as_it_is(display: &Path, path: &Path, layer: &str, picture: &Path) {
     let report: Value = serde_json::from_str(stdout.trim())
         .unwrap_or_else(|e| panic!("{e}: {stdout}\n{}", String::from_utf8_lossy(&output.stderr)));
     assert_eq!(report["result"], 0);
+    // Flat roofs of 6.25 and 15 m have the colours of the legend.
+    let colours: Vec<[i32; 3]> = serde_json::from_value(report["colours"].clone()).unwrap();
+    for class in [[0x3e, 0x49, 0x89], [0x1f, 0x9e, 0x89]] {
+        let is_class = |colour: &[i32; 3]| colour.iter().zip(class).all(|(a, b): (&i32, i32)| (a - b).abs() <= 6);
+        assert!(colours.iter().any(is_class), "{class:?} of {colours:?}");
+    }
     // Seen from the south, from afar: the rows with the tower behind them, then the courtyard, all on one base.
     let groups = report["groups"].as_array().unwrap();
     let [tower, courtyard] = [0, 1].map(|i| {

@@ -25,7 +25,7 @@ use crate::shared_data::shared_data;
 use crate::skipped::skip;
 use crate::tiles3d::{Glb, config as tiles_config};
 use crate::tiny_scene::sizeup;
-use crate::tools::{chromium, node_modules, npm, picture, run};
+use crate::tools::{chromium, node_modules, npm, picture, program, run};
 
 /// Runs one of the scripts in `tests/web`; `None`, and a line that says so, without a browser.
 fn browse(script: &str, address: &str, more: &[&str]) -> Option<Value> {
@@ -62,6 +62,18 @@ fn use_report(path: &Path, name: &str, id: &str) -> Option<Value> {
     }
     assert_eq!(said["recolours"], true);
     Some(said)
+}
+
+/// Holds a page against axe-core's rules of accessibility, on a desktop and on a phone.
+pub fn is_accessible(address: &str) {
+    if npm("axe-core").is_none() {
+        return;
+    }
+    let Some(said) = browse("axe.mjs", address, &[]) else { return };
+    for screen in ["desktop", "phone"] {
+        assert_eq!(said[screen]["broken"], Value::Array(Vec::new()), "{address} on a {screen}");
+        assert!(said[screen]["kept"].as_u64().unwrap() > 10, "axe looked at the page: {said:#}");
+    }
 }
 
 /// The number at the start of `12.3 m ± 0.4 m`.
@@ -348,6 +360,38 @@ fn large_town(n: u32, spacing_m: f64) -> Town {
 }
 
 #[test]
+fn a_printed_report_has_every_row_of_every_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("report.html");
+    let mut town = large_town(64, 31.0);
+    let missing = |i: usize| {
+        Issue::new(Severity::Warning, "view_failed", Subject::View(format!("photo{i:03}.jpg")), "cannot be read")
+    };
+    town.issues = (0..70).map(missing).collect();
+    let input = |i: usize| sizeup::output::InputFile {
+        role: "photo".to_owned(),
+        path: format!("input{i:03}.jpg"),
+        size_bytes: 1000,
+        sha256: format!("{i:064}"),
+    };
+    town.lineage.inputs = (0..122).map(input).collect();
+    write_report(&town, &path);
+    is_accessible(&format!("file://{}", path.display()));
+    let Some(_) = use_report(&path, "printed", "b9") else { return };
+    let Some(pdftotext) = program("pdftotext", "deps-test") else { return };
+    let text = run(Command::new(pdftotext).arg("-layout").arg(picture("report-printed").join("page.pdf")).arg("-"));
+    let n_lines = |word: &str, n: usize| {
+        let is_there = |i: &usize| text.lines().any(|line| line.contains(&format!("{word}{i:03}.jpg")));
+        (0..n).filter(is_there).count()
+    };
+    assert_eq!((n_lines("photo", 70), n_lines("input", 122)), (70, 122));
+    let is_listed = |i: &usize| {
+        text.lines().any(|line| line.split_whitespace().next() == Some(&format!("b{i}")) && line.contains(" m "))
+    };
+    assert_eq!((0..64).filter(is_listed).count(), 64);
+}
+
+#[test]
 #[ignore = "measures: cargo test --locked --test it frames_per_second -- --ignored --nocapture"]
 fn frames_per_second_of_ten_thousand_buildings() {
     let folder = tempfile::tempdir().unwrap();
@@ -406,6 +450,7 @@ fn the_viewer_streams_tiles_as_one_comes_closer() {
     let viewer = Viewer::of(folder.path());
     let Some(said) = browse("view.mjs", &viewer.address, &[picture("view.png").to_str().unwrap()]) else { return };
     println!("{said:#}");
+    is_accessible(&viewer.address);
     assert_eq!((&said["elsewhere"], &said["errors"]), (&Value::Array(Vec::new()), &Value::Array(Vec::new())));
     let n = |when: &str, what: &str| said[when][what].as_u64().unwrap();
     assert!(n("far", "buildings") >= 100 && n("near", "tiles") > n("far", "tiles"), "{said:#}");

@@ -271,7 +271,7 @@ fn exports_go_round_through_all_formats() {
             .unwrap();
     let record = &back.to_records()[0];
     assert!((record.height_m.unwrap() - 5.0).abs() < 1e-9 && (record.ground_z_m.unwrap() - 80.0).abs() < 1e-9);
-    let refused = sizeup(&["export", &names[0], &path("4.obj")]);
+    let refused = sizeup(&["export", &names[0], &path("4.ply")]);
     assert_eq!(refused.status.code(), Some(2));
 }
 

@@ -14,6 +14,7 @@ use sizeup::simulate::{SimulateConfig, TownKind, simulate};
 use sizeup::survey::Survey;
 
 use crate::hostile_footprints::{AT, block};
+use crate::sfcgal::assert_valid_to_sfcgal;
 use crate::skipped::skip;
 use crate::tiny_scene::Scene;
 
@@ -66,7 +67,7 @@ fn roofs(turn_deg: f64, at: impl Fn(f64, f64) -> [f64; 2]) -> [RoofShape; 4] {
 }
 
 /// Houses that were split across, turned any way, with every roof beside every other one.
-fn split_houses() -> Vec<BuildingRecord> {
+pub fn split_houses() -> Vec<BuildingRecord> {
     let mut records = Vec::new();
     for i in 0..16 * 12_u32 {
         let (turn_deg, share) = (f64::from(i) * 7.31 + 3.0, 0.3 + 0.4 * f64::from(i % 5) / 5.0);
@@ -119,4 +120,5 @@ fn a_town_of_a_run_is_valid_to_val3dity_at_all_levels_of_detail() {
     let text = std::fs::read_to_string(&path).unwrap();
     assert!(text.contains("\"roof_form\":\"gable\""), "no roof is pitched");
     assert_valid_to_val3dity(&path);
+    assert_valid_to_sfcgal(&path);
 }

@@ -8,6 +8,7 @@ but what fails.
 
 import json
 import os
+import re
 import shutil
 import sqlite3
 import stat
@@ -392,6 +393,79 @@ class Algorithms(Case):
         names = {layer.name() for layer in QgsProject.instance().mapLayers().values()}
         self.assertEqual(names, {"camera_points", "view_axes", "image_footprints"})
 
+    def exports(self):
+        """The scene as other programs and a drone leave theirs: photos, footprints and terrain in one folder each."""
+        script = ROOT / "tools" / "exports.py"
+        written = subprocess.run(
+            ["/usr/bin/python3", str(script), "write", str(SCENE), str(self.folder)], capture_output=True, text=True
+        )
+        self.assertEqual(written.returncode, 0, written.stderr)
+        return [self.folder / name for name in ("odm", "metashape", "pix4d", "dji")]
+
+    def test_a_folder_of_photos_becomes_a_city_whatever_program_it_is_of(self):
+        # The depth of the scene stands in for minutes of matching.
+        priors = SCENE / "priors" / "{stem}.npy"
+        quick = (
+            f"prior.source=files\nprior.path='{priors}'\nprior.kind=inverse_depth\noptimise.working_px=160\n"
+            "refinement.enabled=false\noutput.pictures=false\noutput.report.page=false\nsurvey.accept_unsound=true"
+        )
+        for folder in [*self.exports(), SCENE]:
+            with self.subTest(folder=folder.name):
+                QgsProject.instance().clear()
+                told, output = Told(), self.folder / "Ergebnis" / folder.name
+                layer = QgsVectorLayer(str(SCENE / "footprints.gpkg"), "footprints", "ogr")
+                answer = run(
+                    "city", {"FOLDER": str(folder), "FOOTPRINTS": layer, "MORE": quick, "OUTPUT": str(output)}, told
+                )
+                self.assertTrue(Path(answer["REPORT"]).parent.is_dir())
+                names = [layer.name() for layer in QgsProject.instance().mapLayers().values()]
+                self.assertIn("buildings_lod2", names, told.lines)
+                rows = sqlite3.connect(answer["GEOPACKAGE"]).execute("SELECT count(*) FROM buildings WHERE height_m > 0")
+                self.assertEqual(rows.fetchone()[0], 6, told.lines)
+                self.assertTrue(any(line.startswith("Poses: ") for line in told.lines), told.lines)
+                self.said_once_in_plain_words(told.lines)
+
+    def said_once_in_plain_words(self, lines):
+        """No line is there twice, but for those of stages; none names an option or a key of the settings."""
+        said = [line for line in lines if len(line) > 40]
+        self.assertEqual(len(said), len(set(said)), said)
+        for line in said:
+            # The command of each step is shown as it is.
+            if line.startswith("sizeup "):
+                continue
+            self.assertIsNone(re.search(r"(^|\s)--[a-z]|\[[a-z]+(\.[a-z]+)?\]|geoid_offset|`sizeup", line), line)
+
+    def test_what_a_folder_lacks_is_said_once_and_how_to_get_it(self):
+        folder = self.folder / "Flug"
+        shutil.copytree(SCENE / "images", folder / "images")
+        shutil.copytree(SCENE / "sparse", folder / "sparse")
+        output = self.folder / "r"
+        told = Told()
+        with self.assertRaises(QgsProcessingException) as caught:
+            run("city", {"FOLDER": str(folder), "OUTPUT": str(output)}, told)
+        # QGIS shows the exception itself several times: it is one line, and the log has the rest.
+        self.assertNotIn("\n", str(caught.exception).replace("\n".join(told.lines), ""))
+        self.assertEqual(sum("no layer of polygons" in line for line in told.lines), 1, told.lines)
+        said = "\n".join(told.lines)
+        self.assertIn("“Offset of the poses”", said)
+        self.assertIsNone(re.search(r"(^|\s)--[a-z]|\[[a-z.]+\]", re.sub("^sizeup .*", "", said, flags=re.M)), said)
+        self.assertFalse((output / "city.gpkg").exists())
+
+    def test_a_look_at_the_folder_is_the_first_step_and_others_go_on_from_it(self):
+        output = self.folder / "Schritte"
+        answer = run("city", {"FOLDER": str(SCENE), "LOOK": True, "OUTPUT": str(output)})
+        self.assertFalse((output / "city.gpkg").exists())
+        settings = answer["SETTINGS"]
+        inspected = run("inspectsurvey", {"SETTINGS": settings, "OUTPUT": str(self.folder / "survey"), "LOAD": False})
+        self.assertIn("oblique", inspected["REPORT_TEXT"])
+        priors = SCENE / "priors" / "{stem}.npy"
+        quick = (
+            f"prior.source=files\nprior.path='{priors}'\nprior.kind=inverse_depth\noptimise.working_px=160\n"
+            "refinement.enabled=false\noutput.pictures=false\noutput.report.page=false\nsurvey.accept_unsound=true"
+        )
+        city = run("heights", {"SETTINGS": settings, "MORE": quick, "OUTPUT": str(output)})
+        self.assertTrue(Path(city["CITYJSON"]).is_file())
+
     def test_footprints_are_found_in_masks(self):
         output = self.folder / "footprints"
         parameters = {
@@ -539,7 +613,9 @@ class Algorithms(Case):
     def test_all_algorithms_have_help_and_an_icon(self):
         provider = QgsApplication.processingRegistry().providerById("sizeup")
         names = sorted(algorithm.name() for algorithm in provider.algorithms())
-        self.assertEqual(names, ["applyreviews", "changes", "export", "footprints", "heights", "inspectsurvey", "validate"])
+        self.assertEqual(names, [
+            "applyreviews", "changes", "city", "export", "footprints", "heights", "inspectsurvey", "validate",
+        ])
         for algorithm in provider.algorithms():
             self.assertGreater(len(algorithm.shortHelpString()), 100)
             self.assertFalse(algorithm.icon().isNull())

@@ -38,7 +38,8 @@ def describe_layout(layout, picture):
     settings = QgsLayoutExporter.ImageExportSettings()
     settings.dpi = 90
     QgsLayoutExporter(layout).exportToImage(picture + ".page.png", settings)
-    return {"items": sorted(items), "sources": items["sources"].text(), "scale": round(items["map"].scale()),
+    return {"items": sorted(items), "sources": items["sources"].text(), "place": items["place"].text(),
+            "scale": round(items["map"].scale()),
             "titles": titles}
 
 

@@ -10,6 +10,7 @@ display with OpenGL: a virtual one with software rendering will do.
 import json
 import os
 import sys
+from collections import Counter
 
 os.environ.setdefault("LIBGL_ALWAYS_SOFTWARE", "1")
 
@@ -32,6 +33,7 @@ SCENE = """<qgis3d>
  <origin x="{x}" y="{y}" z="0"/>
  <camera field-of-view="45" camera-navigation-mode="terrain-based-navigation" projection-type="1" camera-movement-speed="5"/>
  <color background="207,224,238,255" selection="255,255,0,255"/>
+ <point-lights/>
  <directional-lights>
   <directional-light x="0.4" y="-0.8" z="-0.5" color="255,255,255,255" intensity="0.4"/>
   <directional-light x="-0.7" y="-0.5" z="0.3" color="255,255,255,255" intensity="0.2"/>
@@ -77,7 +79,7 @@ def main():
     result = draw(project, settings, picture, (ground + roof) / 2, 1.3 * size, 50, 30, 100)
     side = picture + ".side.png"
     result = result or draw(project, settings, side, (ground + roof) / 2, 8 * size, 90, 0, 250)
-    json.dump({"result": result, "groups": groups(side)}, sys.stdout)
+    json.dump({"result": result, "groups": groups(side), "colours": colours(picture)}, sys.stdout)
     sys.stdout.flush()
     # The scene's threads do not end in order here.
     os._exit(0)
@@ -100,6 +102,13 @@ def draw(project, settings, path, look_at, distance, pitch, heading, dpi):
     options = QgsLayoutExporter.ImageExportSettings()
     options.dpi = dpi
     return int(QgsLayoutExporter(layout).exportToImage(path, options))
+
+
+def colours(path):
+    """The colours that cover most of a picture, most first."""
+    image = QImage(path).convertToFormat(QImage.Format_RGB888)
+    found = Counter(image.pixel(x, y) & 0xFFFFFF for y in range(0, image.height(), 2) for x in range(0, image.width(), 2))
+    return [[value >> 16, value >> 8 & 255, value & 255] for value, _ in found.most_common(40)]
 
 
 def groups(path):

@@ -125,9 +125,12 @@ def height_labels():
 
 def solid(colour, edges):
     """Faces where they are, in one colour."""
+    # QGIS draws (ambient + light) * diffuse. A flat roof takes 0.43 of the project's two lights, measured in QGIS 3.22, so that it
+    # has the colour of the legend here.
     material = QgsPhongMaterialSettings()
-    material.setDiffuse(QColor(colour))
-    material.setAmbient(QColor(colour).darker(180))
+    material.setAmbient(QColor("white"))
+    material.setDiffuse(QColor(*(round(value / 1.43) for value in QColor(colour).getRgb()[:3])))
+    material.setSpecular(QColor("black"))
     symbol = QgsPolygon3DSymbol()
     symbol.setAltitudeClamping(Qgs3DTypes.AltClampAbsolute)
     symbol.setCullingMode(Qgs3DTypes.NoCulling)
@@ -215,8 +218,13 @@ def qa_issues():
         "Point?crs=EPSG:25832&field=code:string&field=severity:string&field=message:string", "qa_issues", "memory"
     )
     root = QgsRuleBasedRenderer.Rule(None)
-    for severity, colour, size in [("refused", "#d55e00", "3.6"), ("warning", "#e69f00", "3"), ("note", "#8c8c92", "2.2")]:
-        symbol = QgsMarkerSymbol.createSimple({"name": "diamond", "color": colour, "size": size, "outline_color": "white"})
+    # As large as a small house (8, 7 and 5 m), at most as large as is easy to see and at least as a dot: on the map of a town marks
+    # would bury the houses else.
+    for severity, colour, size_m, most_mm in [("refused", "#d55e00", 8, 3.6), ("warning", "#e69f00", 7, 3), ("note", "#8c8c92", 5, 2.2)]:
+        symbol = QgsMarkerSymbol.createSimple({
+            "name": "diamond", "color": colour, "outline_color": "white", "outline_width": "0.1", "size": str(size_m),
+            "size_unit": "RenderMetersInMapUnits", "size_map_unit_scale": f"3x:0,0,1,0.7,1,{most_mm}",
+        })
         root.appendChild(QgsRuleBasedRenderer.Rule(symbol, filterExp=f"\"severity\" = '{severity}'", label=severity))
     layer.setRenderer(QgsRuleBasedRenderer(root))
     layer.setDisplayExpression("\"code\" || ': ' || \"message\"")
@@ -359,8 +367,13 @@ def export(layer, folder):
     (Path(folder) / f"{layer.name()}.qml").write_text(with_stable_keys(document.toString(2)), encoding="utf-8")
 
 
+# A family that is not on the reader's machine makes QGIS warn when it opens the project; without one it takes its own.
+FONT_FAMILY = re.compile(r' fontFamily="[^"]*"')
+
+
 def with_stable_keys(text):
     keys = {}
+    text = FONT_FAMILY.sub("", text)
 
     def stable(match):
         keys.setdefault(match.group(0), f"{{00000000-0000-4000-8000-{len(keys):012}}}")
@@ -370,7 +383,7 @@ def with_stable_keys(text):
 
 
 # What the program writes in place of these words.
-TITLE, SOURCES = "SIZEUP_TITLE", "SIZEUP_SOURCES"
+TITLE, PLACE, SOURCES = "SIZEUP_TITLE", "SIZEUP_PLACE", "SIZEUP_SOURCES"
 # Frame of the map on an A4 page, millimetres from the upper left: x, y, width, height.
 MAP_FRAME = (10, 22, 210, 168)
 
@@ -399,7 +412,8 @@ def layout():
     chart = place(QgsLayoutItemMap(page), "map", *MAP_FRAME)
     chart.setExtent(QgsRectangle(0, 0, MAP_FRAME[2], MAP_FRAME[3]))
     chart.setFrameEnabled(True)
-    label("title", TITLE, 16, 10, 8, 277, 10)
+    label("title", TITLE, 16, 10, 6, 277, 8)
+    label("place", PLACE, 9, 10, 15, 277, 6)
     legend = QgsLayoutItemLegend(page)
     legend.setLinkedMap(chart)
     legend.setAutoUpdateModel(True)

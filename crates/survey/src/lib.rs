@@ -50,7 +50,7 @@ pub use first_look::{FirstLook, PoseWorld, StatedHeights, WorldGuess, first_look
 pub use formats::{Format, POSE_EXTENSIONS};
 use formats::{format_of, read_poses};
 pub use inspect::{Reading, Site, inspect};
-pub use photo::{PhotoFacts, photo_facts};
+pub use photo::{PhotoFacts, flight_day, photo_facts};
 pub use photos::{PhotoIndex, is_photo, is_result, mismatch};
 pub use report::{Spread, SurveyReport, Trial};
 pub use view::{View, ViewKind};

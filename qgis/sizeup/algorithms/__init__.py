@@ -1,6 +1,7 @@
 """The algorithms, one module each."""
 
 from .changes import CompareResults
+from .city import CityFromFolder
 from .export import ExportCity
 from .footprints import FindFootprints
 from .heights import EstimateHeights
@@ -8,4 +9,6 @@ from .inspect import InspectSurvey
 from .review import ApplyReviews
 from .validate import ValidateCity
 
-ALGORITHMS = (InspectSurvey, FindFootprints, EstimateHeights, ApplyReviews, CompareResults, ValidateCity, ExportCity)
+ALGORITHMS = (
+    CityFromFolder, InspectSurvey, FindFootprints, EstimateHeights, ApplyReviews, CompareResults, ValidateCity, ExportCity,
+)

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence
+from typing import Any, Dict, List, Optional, Sequence, Set
 
 from qgis.core import (
     QgsProcessing,
@@ -20,15 +20,19 @@ from qgis.core import (
 )
 from qgis.PyQt.QtGui import QIcon
 
-from .. import program, settings
+from .. import program, results, settings
 from ..config import ConfigError, Layer, RunSettings, three_numbers
 from ..layers import Footprints, crs_text, project_crs, raster_file
+from ..plain import in_words_of_the_dialog
 from ..progress import Progress
 from ..words import Speaks
 
 ICON = Path(__file__).parents[1] / "icon.svg"
 # Where the settings and copies of layers lie, within the folder of results.
 INPUT = "input"
+SETTINGS_FILE = "sizeup.toml"
+# Before messages that the program shows as warnings.
+WARNING = "warning: "
 # Finished, but some items of the input have no result.
 FAILED_ITEMS = 5
 # The program's mark of results that were being replaced when it ended.
@@ -45,6 +49,7 @@ class SizeupAlgorithm(QgsProcessingAlgorithm, Speaks):
         super().__init__()
         self._program = ""
         self._folder: Optional[Path] = None
+        self._warned: Set[str] = set()
 
     def createInstance(self):  # noqa: N802, the name is QGIS's
         return type(self)()
@@ -81,8 +86,17 @@ class SizeupAlgorithm(QgsProcessingAlgorithm, Speaks):
         except program.ProgramError as error:
             raise QgsProcessingException(str(error)) from error
 
-    def run_program(self, arguments: Sequence[str], feedback) -> Optional[program.Outcome]:
-        """Runs the program; None where the user stopped it. Raises QgsProcessingException where it failed."""
+    def warn_once(self, text: str, feedback) -> None:
+        """Shows a warning, unless it was shown before."""
+        if text not in self._warned:
+            self._warned.add(text)
+            feedback.pushWarning(text)
+
+    def run_program(self, arguments: Sequence[str], feedback, is_silent: bool = False) -> Optional[program.Outcome]:
+        """Runs the program; None where the user stopped it. Raises QgsProcessingException where it failed.
+
+        Of a silent one only the progress is shown: its answer has the messages too.
+        """
         feedback.pushCommandInfo(" ".join(["sizeup", *(_quoted(argument) for argument in arguments)]))
         progress = Progress()
 
@@ -91,10 +105,8 @@ class SizeupAlgorithm(QgsProcessingAlgorithm, Speaks):
             feedback.setProgress(progress.percent)
             if words:
                 feedback.setProgressText(self.in_words(words))
-            if event["event"] == "message":
-                level = event.get("level", "info")
-                show = {"error": feedback.reportError, "warning": feedback.pushWarning}.get(level, feedback.pushInfo)
-                show(event["message"])
+            if event["event"] == "message" and not is_silent:
+                self._show(event, feedback)
 
         try:
             return program.run(self._program, arguments, tell, feedback.isCanceled)
@@ -104,7 +116,24 @@ class SizeupAlgorithm(QgsProcessingAlgorithm, Speaks):
                 feedback.pushWarning(self.tr("The files in {} are of two runs: run it again.").format(self._folder))
             return None
         except program.ProgramError as error:
-            raise QgsProcessingException(str(error)) from error
+            raise self.failure(in_words_of_the_dialog(str(error)), feedback) from error
+
+    def failure(self, text: str, feedback) -> QgsProcessingException:
+        """The exception of a failure. QGIS shows its text up to three times: it has the first line, the log has all, once."""
+        first, _, rest = text.partition("\n")
+        if rest:
+            feedback.reportError(text)
+        return QgsProcessingException(first)
+
+    def _show(self, event: program.Event, feedback) -> None:
+        """Shows a message of the program."""
+        level, text = event.get("level", "info"), in_words_of_the_dialog(event["message"])
+        if level == "error":
+            feedback.reportError(text)
+        elif level == "warning" or text.startswith(WARNING):
+            self.warn_once(text[len(WARNING):] if text.startswith(WARNING) else text, feedback)
+        else:
+            feedback.pushInfo(text)
 
     def read_answer(self, outcome: program.Outcome) -> Dict[str, Any]:
         """The JSON that the program printed. Raises QgsProcessingException where it is none."""
@@ -120,7 +149,14 @@ class SizeupAlgorithm(QgsProcessingAlgorithm, Speaks):
             "heights": self.tr("Finding heights"), "output": self.tr("Writing the results"),
             "ground": self.tr("Looking for the ground in the photos"), "tracing": self.tr("Tracing rays"),
             "priors": self.tr("Depth of the photos"), "epochs": self.tr("Moving roofs"),
+            "photos": self.tr("Looking at the photos"), "align": self.tr("Aligning the poses with the photos"),
         }.get(work, work)
+
+    def load_city(self, file: Optional[Path], context) -> None:
+        """Loads a city's layers, where one was made and the user wants them."""
+        if self._load and file is not None and context.project() is not None:
+            if not results.load(file, results.CITY_LAYERS, self._folder, context.project()):
+                raise QgsProcessingException(self.tr("Cannot load {}").format(file))
 
     def folder(self, parameters, name: str, context) -> Path:
         """A folder to write to. Asked for once: a temporary one is another each time."""
@@ -134,6 +170,14 @@ class SurveyAlgorithm(SizeupAlgorithm):
         super().__init__()
         self._run: Optional[RunSettings] = None
         self._footprints: Optional[Footprints] = None
+        self._settings_file: Optional[str] = None
+
+    def add_settings(self) -> None:
+        """Parameter: settings that have all of the others."""
+        self.addParameter(QgsProcessingParameterFile(
+            "SETTINGS", self.tr("Settings written by “City from a folder of photos” (then nothing else is needed)"),
+            extension="toml", optional=True,
+        ))
 
     def add_survey(self) -> None:
         """Parameters: the poses, the photos, the CRS."""
@@ -148,7 +192,7 @@ class SurveyAlgorithm(SizeupAlgorithm):
             "IMAGES", self.tr("Folder of the photos"), behavior=QgsProcessingParameterFile.Folder, optional=True,
         ))
         self.addParameter(QgsProcessingParameterCrs(
-            "CRS", self.tr("CRS of the results (projected, metres)"), defaultValue="ProjectCrs",
+            "CRS", self.tr("CRS of the results (projected, metres)"), defaultValue="ProjectCrs", optional=True,
         ))
 
     def add_ground(self) -> None:
@@ -172,7 +216,7 @@ class SurveyAlgorithm(SizeupAlgorithm):
         """Parameters that few people need."""
         self.advanced(QgsProcessingParameterCrs("POSE_CRS", self.tr("CRS of the poses, if another"), optional=True))
         self.advanced(QgsProcessingParameterString(
-            "OFFSET", self.tr("Offset added to the poses: x, y, z (metres)"), optional=True,
+            "OFFSET", self.tr("Offset of the poses: x, y, z (metres), added to them"), optional=True,
         ))
         self.advanced(QgsProcessingParameterString(
             "MORE", self.tr("Further settings, one a line, as in heights.max_m=60"), multiLine=True, optional=True,
@@ -186,6 +230,12 @@ class SurveyAlgorithm(SizeupAlgorithm):
 
     def survey_settings(self, parameters, context, output: str) -> RunSettings:
         """What the parameters say of photos, poses, ground and CRS. Raises QgsProcessingException."""
+        kept = self.parameterAsFile(parameters, "SETTINGS", context)
+        if kept and not Path(kept).is_file():
+            raise QgsProcessingException(self.tr("The settings {} are not there.").format(kept))
+        self._settings_file = kept or None
+        if kept:
+            return RunSettings(crs="", output=output, survey=kept, more=[self.parameterAsString(parameters, "MORE", context)])
         file = self.parameterAsFile(parameters, "SURVEY", context)
         folder = self.parameterAsFile(parameters, "SURVEY_FOLDER", context)
         if bool(file) == bool(folder):
@@ -221,19 +271,25 @@ class SurveyAlgorithm(SizeupAlgorithm):
             fields[0] if fields else None, context.transformContext(),
         )
 
-    def layer_file(self, footprints: Footprints, folder: Path, feedback, name: str = "footprints.gpkg") -> Layer:
-        """The file of a layer, exported into the results where it is none."""
+    def layer_file(
+        self, footprints: Footprints, folder: Path, feedback, name: str = "footprints.gpkg", alone: bool = False,
+    ) -> Layer:
+        """The file of a layer, exported into the results where it is none, or where it shall be alone in its file and is not."""
+        if alone:
+            footprints.part_from_others()
         if footprints.is_exported:
             feedback.pushInfo(self.tr("The footprints are exported for the program: they are no plain file, or a part of one."))
         return footprints.file(folder / INPUT / name)
 
     def write_config(self, run: RunSettings, folder: Path) -> List[str]:
-        """Writes `sizeup.toml`; the arguments that name it and the further settings."""
+        """Writes `sizeup.toml`, unless there are settings; the arguments that name it and the further settings."""
         try:
+            if self._settings_file is not None:
+                return [self._settings_file, *(part for more in run.assignments() for part in ("--set", more))]
             text, assignments = run.to_toml(), run.assignments()
         except ConfigError as error:
             raise QgsProcessingException(str(error)) from error
-        path = folder / INPUT / "sizeup.toml"
+        path = folder / INPUT / SETTINGS_FILE
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
         more = [part for assignment in assignments for part in ("--set", assignment)]

@@ -17,8 +17,11 @@ from .. import results
 from ..layers import crs_text
 from .base import SizeupAlgorithm
 
-FORMATS = ("cityjson", "cityjsonseq", "geopackage", "flatgeobuf", "flatcitybuf", "geojson", "3dtiles")
-ENDINGS = {"cityjson": ".city.json", "cityjsonseq": ".city.jsonl", "geopackage": ".gpkg", "flatgeobuf": ".fgb", "flatcitybuf": ".fcb", "geojson": ".geojson"}
+FORMATS = ("cityjson", "cityjsonseq", "geopackage", "flatgeobuf", "flatcitybuf", "geojson", "citygml", "obj", "stl", "dxf", "kml", "csv", "3dtiles")
+ENDINGS = {
+    "cityjson": ".city.json", "cityjsonseq": ".city.jsonl", "geopackage": ".gpkg", "flatgeobuf": ".fgb", "flatcitybuf": ".fcb", "geojson": ".geojson",
+    "citygml": ".gml", "obj": ".obj", "stl": ".stl", "dxf": ".dxf", "kml": ".kml", "csv": ".csv",
+}
 NAMES = ("sizeup", "3dbag")
 
 
@@ -32,7 +35,8 @@ class ExportCity(SizeupAlgorithm):
 
     def shortHelpString(self) -> str:  # noqa: N802, the name is QGIS's
         return self.tr(
-            "Writes a city in another format: CityJSON, CityJSONSeq, GeoPackage, FlatGeobuf, FlatCityBuf, GeoJSON, 3D Tiles.\n"
+            "Writes a city in another format: CityJSON, CityJSONSeq, GeoPackage, FlatGeobuf, FlatCityBuf, GeoJSON, CityGML, OBJ, STL, "
+            "DXF, KML, CSV, 3D Tiles.\n"
             "\n"
             "The input is a result of sizeup, or anybody's CityJSON with heights. 3D Tiles are a folder; they need to know "
             "how high the geoid is above the ellipsoid there, if the CRS does not say what heights count from.\n"
@@ -46,7 +50,11 @@ class ExportCity(SizeupAlgorithm):
         ))
         self.addParameter(QgsProcessingParameterEnum(
             "FORMAT", self.tr("Format"),
-            ["CityJSON", "CityJSONSeq", "GeoPackage", "FlatGeobuf", "FlatCityBuf", "GeoJSON", self.tr("3D Tiles (a folder)")], defaultValue=0,
+            [
+                "CityJSON", "CityJSONSeq", "GeoPackage", "FlatGeobuf", "FlatCityBuf", "GeoJSON", "CityGML", self.tr("OBJ (modelling)"),
+                self.tr("STL (printers)"), self.tr("DXF (CAD)"), self.tr("KML (globes)"), self.tr("CSV (tables)"),
+                self.tr("3D Tiles (a folder)"),
+            ], defaultValue=0,
         ))
         self.addParameter(QgsProcessingParameterCrs("CRS", self.tr("CRS, if the city states none"), optional=True))
         self.advanced(QgsProcessingParameterEnum(

@@ -10,7 +10,7 @@ from qgis.core import (
 )
 
 from .. import results
-from ..config import PRIOR_KINDS, PRIOR_SOURCES, ConfigError, Prior
+from ..config import PRIOR_KINDS, PRIOR_SOURCES, ConfigError, Prior, setting
 from ..review.reviews import FILE_NAME
 from .base import FAILED_ITEMS, SurveyAlgorithm
 
@@ -50,8 +50,9 @@ class EstimateHeights(SurveyAlgorithm):
         )
 
     def initAlgorithm(self, configuration=None) -> None:  # noqa: N802, the name is QGIS's
-        self.add_footprints("FOOTPRINTS", self.tr("Building footprints"))
+        self.add_settings()
         self.add_survey()
+        self.add_footprints("FOOTPRINTS", self.tr("Building footprints"), optional=True)
         self.add_ground()
         self.addParameter(QgsProcessingParameterEnum(
             "PRIOR_SOURCE", self.tr("Depth comes from"),
@@ -85,22 +86,26 @@ class EstimateHeights(SurveyAlgorithm):
         self.find_program()
         self._folder = self.folder(parameters, "OUTPUT", context)
         self._run = self.survey_settings(parameters, context, str(self._folder))
+        self._load = self.parameterAsBool(parameters, "LOAD", context)
+        self._file = None
+        results.refuse_edited(self._folder, context.project())
+        if self._settings_file is not None:
+            return True
         self._run.prior = self._prior(parameters, context)
         self._run.vertical_reference = self.parameterAsString(parameters, "VERTICAL", context) or None
         self._footprints = self.footprints(parameters, "FOOTPRINTS", context)
         if self._footprints is None:
             raise QgsProcessingException(self.tr("Choose a layer of building footprints."))
         if self._run.dtm is None and self._run.ground_m is None:
-            raise QgsProcessingException(self.tr("Give a terrain model, or one height of the ground."))
+            raise QgsProcessingException(self.tr(
+                "Give a terrain model, or one height of the ground. “City from a folder of photos” finds the ground itself."
+            ))
         if (self._folder / FILE_NAME).is_file():
             self._run.reviews = str(self._folder / FILE_NAME)
         try:
             self._run.tables()
         except ConfigError as error:
             raise QgsProcessingException(str(error)) from error
-        results.refuse_edited(self._folder, context.project())
-        self._load = self.parameterAsBool(parameters, "LOAD", context)
-        self._file = None
         return True
 
     def _prior(self, parameters, context) -> Prior:
@@ -115,8 +120,12 @@ class EstimateHeights(SurveyAlgorithm):
     def processAlgorithm(self, parameters, context, feedback):  # noqa: N802, the name is QGIS's
         folder = self._folder
         folder.mkdir(parents=True, exist_ok=True)
-        self._run.footprints = self.layer_file(self._footprints, folder, feedback)
-        outcome = self.run_program(["run", *self.write_config(self._run, folder)], feedback)
+        if self._footprints is not None:
+            self._run.footprints = self.layer_file(self._footprints, folder, feedback)
+        arguments = ["run", *self.write_config(self._run, folder), "--output", str(folder)]
+        if self._settings_file is not None and (folder / FILE_NAME).is_file():
+            arguments += ["--set", setting("reviews.path", str(folder / FILE_NAME))]
+        outcome = self.run_program(arguments, feedback)
         if outcome is None:
             return {}
         if outcome.code == FAILED_ITEMS:
@@ -130,7 +139,5 @@ class EstimateHeights(SurveyAlgorithm):
         }
 
     def postProcessAlgorithm(self, context, feedback):  # noqa: N802, the name is QGIS's
-        if self._load and self._file is not None and context.project() is not None:
-            if not results.load(self._file, results.CITY_LAYERS, self._folder, context.project()):
-                raise QgsProcessingException(self.tr("Cannot load {}").format(self._file))
+        self.load_city(self._file, context)
         return {}

@@ -34,6 +34,7 @@ class InspectSurvey(SurveyAlgorithm):
         )
 
     def initAlgorithm(self, configuration=None) -> None:  # noqa: N802, the name is QGIS's
+        self.add_settings()
         self.add_survey()
         self.add_ground()
         self.add_footprints("FOOTPRINTS", self.tr("Building footprints"), optional=True)

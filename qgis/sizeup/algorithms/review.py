@@ -66,7 +66,5 @@ class ApplyReviews(SizeupAlgorithm):
         return {"GEOPACKAGE": str(self._file), "CODE": outcome.code}
 
     def postProcessAlgorithm(self, context, feedback):  # noqa: N802, the name is QGIS's
-        if self._load and self._file is not None and context.project() is not None:
-            if not results.load(self._file, results.CITY_LAYERS, self._folder, context.project()):
-                raise QgsProcessingException(self.tr("Cannot load {}").format(self._file))
+        self.load_city(self._file, context)
         return {}

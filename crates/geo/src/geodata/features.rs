@@ -32,6 +32,8 @@ pub enum ColumnKind {
     Real,
     /// Whole numbers with sign, 64 bits.
     Integer,
+    /// 0 or 1, in 32 bits where a format tells numbers apart by their size.
+    Flag,
 }
 
 impl ColumnKind {
@@ -165,6 +167,9 @@ fn set_field(feature: &mut Feature<'_>, i: usize, kind: ColumnKind, value: &Valu
             Some(number) => feature.set_field_integer64(i, number),
             None => feature.set_field_null(i),
         },
+        (ColumnKind::Flag, Value::Number(number)) => {
+            feature.set_field_integer(i, i32::from(number.as_i64() != Some(0)))
+        }
         (ColumnKind::Text, Value::String(words)) => feature.set_field_string(i, &words.replace('\0', "")),
         (_, other) => feature.set_field_string(i, &other.to_string()),
     }
@@ -185,5 +190,6 @@ fn field_type(kind: ColumnKind) -> OGRFieldType::Type {
         ColumnKind::Text => OGRFieldType::OFTString,
         ColumnKind::Real => OGRFieldType::OFTReal,
         ColumnKind::Integer => OGRFieldType::OFTInteger64,
+        ColumnKind::Flag => OGRFieldType::OFTInteger,
     }
 }

@@ -10,6 +10,7 @@ pub mod gpkg;
 pub mod qml;
 pub mod raster;
 pub mod source;
+pub mod text_layer;
 pub mod vector;
 pub mod view_layers;
 

@@ -26,7 +26,7 @@ const STYLE: &str = "body{font:16px/1.45 system-ui,sans-serif;margin:1.5rem auto
 pub fn changes_page(report: &ChangesReport, map_png: &[u8]) -> String {
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
-         <title>What changed</title><style>{STYLE}</style></head>\n<body>\n<h1>What changed</h1>\n<p>{}<br>{}</p>\n",
+         <title>What changed</title><style>{STYLE}</style></head>\n<body>\n<main>\n<h1>What changed</h1>\n<p>{}<br>{}</p>\n",
         source("old", report),
         source("new", report)
     );
@@ -46,7 +46,7 @@ pub fn changes_page(report: &ChangesReport, map_png: &[u8]) -> String {
         STANDARD.encode(map_png)
     );
     table(&mut page, report);
-    page.push_str("</body>\n</html>\n");
+    page.push_str("</main>\n</body>\n</html>\n");
     page
 }
 
@@ -74,7 +74,7 @@ fn table(page: &mut String, report: &ChangesReport) {
         return;
     }
     page.push_str(
-        "<h2>Buildings</h2>\n<div class=\"wide\"><table>\n<tr><th>change</th><th>new id</th><th>old id</th><th>height before, m</th>\
+        "<h2>Buildings</h2>\n<div class=\"wide\" tabindex=\"0\" role=\"group\" aria-label=\"Buildings\"><table>\n<tr><th>change</th><th>new id</th><th>old id</th><th>height before, m</th>\
          <th>now, m</th><th>difference, m</th><th>sigma, m</th><th>why</th></tr>\n",
     );
     rows.iter().take(N_ROWS).for_each(|change| row(page, change));

@@ -55,7 +55,7 @@ impl Field {
 
 /// Our own attributes in the order in which they are written; the id comes before them. Names are told apart by their
 /// first ten characters, which is all that a Shapefile keeps.
-pub const FIELDS: [Field; 31] = {
+pub const FIELDS: [Field; 34] = {
     use ColumnKind::{Integer, Real, Text};
     [
         Field::new(
@@ -162,6 +162,27 @@ pub const FIELDS: [Field; 31] = {
             |b, _| known(roof_70p_z_m(b)),
         ),
         Field::new(
+            "roof_planes",
+            "Planes of the roof",
+            Text,
+            "JSON, the largest plane first: its own area (`area_m2`), its slope (`slope_deg`, 0 flat) and where it falls \
+             (`aspect_deg`, clockwise from grid north); empty where the roof's form is not known",
+            |_, solid| match solid.roof.as_slice() {
+                [] => Value::Null,
+                planes => serde_json::to_string(planes).unwrap_or_default().into(),
+            },
+        ),
+        Field::new(
+            "storeys_estimated",
+            "Storeys above ground (estimated)",
+            Integer,
+            "Estimated storeys above ground, without the attic: eave height by 3 m, rounded, at least 1",
+            |b, _| storeys(b).map_or(Value::Null, |storeys| storeys.n.into()),
+        ),
+        Field::new("sigma_storeys", "Sigma of that", Real, "One standard deviation of storeys_estimated", |b, _| {
+            known(storeys(b).map(|storeys| storeys.sigma))
+        }),
+        Field::new(
             "footprint_area_m2",
             "Footprint area (m2)",
             Real,
@@ -258,6 +279,28 @@ pub const FIELDS: [Field; 31] = {
         ),
     ]
 };
+
+/// Height of a storey, metres: what is usual where nothing better is known (Roy, Pronk, Agugiaro and Ledoux 2023,
+/// doi:10.1080/13658816.2022.2160454, section 1, on the geometric method).
+const STOREY_M: f64 = 3.0;
+/// Standard deviation of storeys by an exact height: the same source finds the geometric method right for somewhat less than 70 % of
+/// 172,000 Dutch homes, as a normal error of 0.5 storeys is (68 % within half a storey).
+const STOREY_SIGMA: f64 = 0.5;
+
+/// Storeys above ground.
+struct Storeys {
+    n: i64,
+    sigma: f64,
+}
+
+/// Estimates the storeys of a building, without its attic: `n = max(1, round(h / 3 m))`, `h` the height of the eaves, or of the roof
+/// where its form is not known.
+fn storeys(record: &BuildingRecord) -> Option<Storeys> {
+    let height_m =
+        record.roof.map(|roof| roof.eave_height_m).or(record.height_m).filter(|_| record.height_m.is_some())?;
+    let of_height = record.height_sigma_m.unwrap_or(0.0) / STOREY_M;
+    Some(Storeys { n: (height_m / STOREY_M).round().max(1.0) as i64, sigma: STOREY_SIGMA.hypot(of_height) })
+}
 
 /// A step as text, rounded as all metres are.
 fn roof_step(step: Terrace) -> String {

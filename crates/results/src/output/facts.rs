@@ -9,6 +9,7 @@
 use super::BuildingRecord;
 use super::grid::OutputGrid;
 use super::prism::{NoSolid, SnappedPrism};
+use super::roof_solid::{self, RoofFacet};
 use super::validate;
 
 /// Sizes of a block; metres.
@@ -27,6 +28,8 @@ pub struct SolidFacts {
     pub no_solid_reason: Option<&'static str>,
     /// Facts of the solid, where there is one.
     pub measures: Option<Measures>,
+    /// Planes of the roof, the largest first; empty where its form is not known.
+    pub roof: Vec<RoofFacet>,
     /// val3dity's numbers of the faults that [`validate`] finds in it; empty where it is valid.
     pub faults: Vec<u16>,
 }
@@ -43,6 +46,7 @@ impl SolidFacts {
             Ok(prism) => Self {
                 no_solid_reason: None,
                 measures: Some(Measures::of(prism, grid)),
+                roof: roof_solid::facets(record, prism, grid),
                 faults: validate::faults_of(&prism.faces(), grid),
             },
             Err(reason) => Self { no_solid_reason: Some(reason.code()), ..Self::default() },

@@ -17,8 +17,10 @@ pub struct Lineage {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub commit: Option<String>,
     /// The command line, program name first.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub command: String,
     /// SHA-256 of the resolved configuration, hexadecimal.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub config_sha256: String,
     /// Every file that was read.
     pub inputs: Vec<InputFile>,
@@ -39,17 +41,50 @@ pub struct Lineage {
     pub source: Option<Box<Lineage>>,
 }
 
+impl Lineage {
+    /// With the day of the flight, where nobody stated the day that the data stands for.
+    #[must_use]
+    pub fn of_day(self, flight_day: impl FnOnce() -> Option<String>) -> Self {
+        Self { reference_date: self.reference_date.or_else(flight_day), ..self }
+    }
+
+    /// Returns what the header of a city has of it: files by their names, and no command, hash or depth prior. `lineage.json` beside
+    /// the city has all.
+    #[must_use]
+    pub fn header(&self) -> Self {
+        let name = |file: &InputFile| InputFile {
+            role: file.role.clone(),
+            path: file.path.rsplit(['/', '\\']).next().unwrap_or_default().to_owned(),
+            ..InputFile::default()
+        };
+        Self {
+            command: String::new(),
+            config_sha256: String::new(),
+            inputs: self.inputs.iter().filter(|file| file.role != "prior").map(name).collect(),
+            source: self.source.as_ref().map(|source| Box::new(source.header())),
+            ..self.clone()
+        }
+    }
+}
+
 /// One file that was read.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct InputFile {
     /// Role in which it was read: `survey`, `footprints`, `terrain`, `prior`, `config`.
     pub role: String,
     /// Path as the configuration beside the results has it.
     pub path: String,
     /// Size of the file, bytes.
+    #[serde(default, skip_serializing_if = "no_bytes")]
     pub size_bytes: u64,
     /// SHA-256 of the content, hexadecimal.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub sha256: String,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands a reference")]
+fn no_bytes(size_bytes: &u64) -> bool {
+    *size_bytes == 0
 }
 
 impl InputFile {

@@ -3,12 +3,17 @@
 //! | format | writer | for |
 //! |---|---|---|
 //! | CityJSON 2.0 | [`cityjson`] | exchange, 3DCityDB, validators |
+//! | `CityGML` 2.0 | [`citygml`] | agencies and databases that take GML |
 //! | CityJSONSeq 2.0 | [`cityjson::write_sequence`] | streams, tilers |
 //! | GeoPackage 1.2 | [`geopackage`] | QGIS, any GIS |
 //! | FlatCityBuf | [`flatcitybuf`] | solids over the web, one file |
 //! | FlatGeobuf | [`flatgeobuf`] | footprints and heights over the web |
 //! | GeoJSON | [`geojson`] | footprints and heights in longitude and latitude, for web maps |
 //! | 3D Tiles 1.1 | [`tiles3d`] | Cesium, digital twins |
+//! | KML | [`kml`] | blocks on a globe |
+//! | CSV | [`csv`] | tables, with the meanings of their columns |
+//! | OBJ, STL | [`mesh`] | modelling, printers |
+//! | DXF | [`dxf`] | CAD |
 //! | PNG | [`picture`] | a first look |
 //! | JSON | [`reports`] | pipelines |
 //!
@@ -21,8 +26,11 @@
 
 pub mod attributes;
 mod buildings;
+pub mod citygml;
 pub mod cityjson;
 mod count;
+pub mod csv;
+pub mod dxf;
 mod error;
 mod facts;
 pub mod fallback;
@@ -33,7 +41,9 @@ mod footprints;
 pub mod geojson;
 pub mod geopackage;
 pub mod grid;
+pub mod kml;
 mod lineage;
+pub mod mesh;
 pub mod party_walls;
 pub mod picture;
 pub mod planar;

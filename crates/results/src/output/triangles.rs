@@ -1,5 +1,8 @@
-//! Triangles of faces, for graphics cards.
+//! Triangles of faces: for graphics cards, and such that keep solids closed.
 
+use geo::TriangulateDelaunay as _;
+use geo::triangulate_delaunay::DelaunayTriangulationConfig;
+use geo_types::{Coord, LineString, Polygon, Triangle};
 use glam::DVec3;
 
 use super::planar::cross;
@@ -43,4 +46,36 @@ pub fn of_rings(rings: &[Vec<[i64; 2]>]) -> Vec<[usize; 3]> {
         if cross(corners[a], corners[b], corners[c]) < 0 { [a, c, b] } else { [a, b, c] }
     };
     triangles.into_iter().map(counter_clockwise).collect()
+}
+
+/// Triangles of a face, looking as it does, with no corners but its own; `None` where two corners coincide seen across the face.
+pub fn keeping_corners(face: &GridFace) -> Option<Vec<GridFace>> {
+    let first = face.rings[0][0];
+    let from_first = |p: &[i64; 3]| DVec3::from_array(std::array::from_fn(|axis| (p[axis] - first[axis]) as f64));
+    let normal = newell(&face.rings[0].iter().map(from_first).collect::<Vec<_>>());
+    let dropped = normal.abs().max_position();
+    let [x, y] = [(dropped + 1) % 3, (dropped + 2) % 3];
+    let faces_away = normal[dropped] < 0.0;
+    let plan = |p: &[i64; 3]| Coord { x: (p[x] - first[x]) as f64, y: (p[y] - first[y]) as f64 };
+    let mut rings = face.rings.iter().map(|ring| ring.iter().map(plan).collect::<LineString<f64>>());
+    let polygon = Polygon::new(rings.next()?, rings.collect());
+    let corner = |at: Coord<f64>| {
+        let mut found = face.rings.iter().flatten().filter(|p| plan(p) == at);
+        found.next().filter(|_| found.next().is_none()).copied()
+    };
+    let of = |triangle: Triangle<f64>| {
+        let mut ring: Vec<[i64; 3]> = triangle.to_array().into_iter().map(corner).collect::<Option<_>>()?;
+        if (plan_area(&triangle) < 0.0) != faces_away {
+            ring.reverse();
+        }
+        Some(GridFace { surface: face.surface, rings: vec![ring] })
+    };
+    let made = polygon.constrained_triangulation(DelaunayTriangulationConfig::default()).ok()?;
+    made.into_iter().map(of).collect()
+}
+
+/// Twice the signed area of a triangle in the plan.
+fn plan_area(triangle: &Triangle<f64>) -> f64 {
+    let [a, b, c] = triangle.to_array();
+    (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
 }

@@ -60,6 +60,7 @@ pub fn view(title: &str) -> String {
     let script = script(&OF_VIEW);
     let parts = [
         ("head", head(&format!("sizeup view: {title}"), &script, "; connect-src 'self'")),
+        ("heading", escape(title)),
         ("stage", fill(STAGE, &[("keys", String::new())])),
         ("script", script),
     ];

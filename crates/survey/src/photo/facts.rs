@@ -26,6 +26,8 @@ pub struct PhotoFacts {
     pub rtk: Option<&'static str>,
     /// Stated standard deviations of the position, metres: horizontal, vertical.
     pub sigma_m: Option<(f64, f64)>,
+    /// Day on which it was taken, `YYYY-MM-DD`, by the camera's clock.
+    pub day: Option<String>,
     /// Why the header cannot be read.
     pub fault: Option<String>,
 }
@@ -34,6 +36,13 @@ pub struct PhotoFacts {
 #[must_use]
 pub fn photo_facts(photos: &[PathBuf]) -> Vec<PhotoFacts> {
     photos.par_iter().map(|path| facts(path)).collect()
+}
+
+/// Returns the last day on which one of the photos was taken, `YYYY-MM-DD`; `None` where no photo has a date.
+#[must_use]
+pub fn flight_day<'a>(photos: impl IntoIterator<Item = &'a PathBuf>) -> Option<String> {
+    let photos: Vec<&PathBuf> = photos.into_iter().collect();
+    photos.par_iter().filter_map(|path| PhotoHeader::read(path).ok()?.day()).max()
 }
 
 fn facts(path: &Path) -> PhotoFacts {
@@ -56,6 +65,7 @@ fn facts(path: &Path) -> PhotoFacts {
         relative_m: number("RelativeAltitude"),
         has_angles: direction::of(&header, &tags).is_ok(),
         rtk: number("RtkFlag").map(|flag| rtk_word(flag as u32)).filter(|word| *word != "none"),
+        day: header.day(),
         sigma_m: horizontal_m.zip(number("RtkStdHgt")),
         ..of(None)
     }

@@ -126,6 +126,21 @@ impl PhotoHeader {
         }
     }
 
+    /// Day on which the photo was taken, `YYYY-MM-DD`. Cameras without a clock write zeros or blanks.
+    pub(super) fn day(&self) -> Option<String> {
+        // EXIF 2.3, 4.6.5: "YYYY:MM:DD HH:MM:SS".
+        let text = self.text(Tag::DateTimeOriginal)?;
+        let mut numbers = text.split(' ').next()?.split(':').map(str::parse::<u16>);
+        let (Some(Ok(year)), Some(Ok(month)), Some(Ok(day)), None) =
+            (numbers.next(), numbers.next(), numbers.next(), numbers.next())
+        else {
+            return None;
+        };
+        // The first camera with EXIF is of 1996: earlier is a clock that was never set.
+        let is_day = (1996..10_000).contains(&year) && (1..=12).contains(&month) && (1..=31).contains(&day);
+        is_day.then(|| format!("{year:04}-{month:02}-{day:02}"))
+    }
+
     /// A number of DJI's maker note, by its tag.
     ///
     /// The note is a bare TIFF directory. Its byte order is its own: programs that rewrite EXIF the other way round copy it as it is,

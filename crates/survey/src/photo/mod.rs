@@ -27,7 +27,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use self::direction::Direction;
-pub use self::facts::{PhotoFacts, photo_facts};
+pub use self::facts::{PhotoFacts, flight_day, photo_facts};
 use self::header::PhotoHeader;
 use self::motion::Motion;
 use self::mrk::{Logs, Record};

@@ -55,7 +55,7 @@ fn metadata<R: ?Sized>(model: &CityModel<'_, R>, extent: Option<&Extent>, title:
     if let Some(title) = title {
         metadata.insert("title".to_owned(), json!(title));
     }
-    let mut lineage = json!(model.lineage);
+    let mut lineage = json!(model.lineage.header());
     lineage["vertical_reference_system"] = json!(model.crs.vertical_name());
     metadata.insert("sizeup".to_owned(), lineage);
     Value::Object(metadata)

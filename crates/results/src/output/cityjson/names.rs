@@ -99,7 +99,7 @@ pub fn extension_schema() -> Value {
                 ("roof_form", _) => json!({ "enum": ["flat", "gable", "hip", "stepped", "mixed"] }),
                 (_, ColumnKind::Text) => json!({ "type": "string" }),
                 (_, ColumnKind::Real) => json!({ "type": "number" }),
-                (_, ColumnKind::Integer) => json!({ "type": "integer" }),
+                (_, ColumnKind::Integer | ColumnKind::Flag) => json!({ "type": "integer" }),
             }
         };
         schema["description"] = column.meaning.into();

@@ -19,7 +19,7 @@ use super::super::{CityModel, Lineage, OutputError, Overview, Records};
 use super::layers::columns_of;
 use super::tables::STYLES;
 use super::{GeoPackageConfig, SOLIDS, is_written};
-use sizeup_geo::crs::Crs;
+use sizeup_geo::crs::{Crs, Transform};
 use sizeup_geo::files::{FileError, write_whole};
 use sizeup_geo::geodata::features::Column;
 use sizeup_geo::geodata::qml::aliases;
@@ -88,9 +88,19 @@ const MARGIN_SHARE: f64 = 0.05;
 /// The print layout, exported from QGIS by `tests/qgis/styles.py`, and what is put in place of its words.
 const LAYOUT: &str = include_str!("styles/layout.xml");
 const LAYOUT_TITLE: &str = "SIZEUP_TITLE";
+const LAYOUT_PLACE: &str = "SIZEUP_PLACE";
 const LAYOUT_SOURCES: &str = "SIZEUP_SOURCES";
+/// Title of the layout; the project's name follows, unless it is the one that all results have.
+const LAYOUT_HEADING: &str = "Heights of buildings";
+const COMMON_NAME: &str = "city";
 /// Width and height of the layout's map, millimetres.
 const LAYOUT_MAP_MM: [f64; 2] = [210.0, 168.0];
+
+/// Camera of the 3D view: so far from straight down and turned so far that walls and roofs show, degrees.
+const CAMERA_PITCH_DEG: f64 = 50.0;
+const CAMERA_YAW_DEG: f64 = 20.0;
+/// Distance of the camera over the diagonal of the town: at half of the field of view of 45° it fills the picture.
+const CAMERA_REACHES: f64 = 1.2;
 
 /// Writes `path` (`….qgs`), and the same packed (`….qgz`), for a `GeoPackage` that lies in the same folder.
 ///
@@ -113,6 +123,7 @@ pub fn write_project<R: Records + ?Sized>(
         columns: LEGEND.iter().map(|(name, ..)| (*name, columns_of(name, &overview))).collect(),
         extent: overview.extent,
         ground,
+        place: escape(place(model.crs, overview.extent.as_ref(), model.lineage).as_str()).into_owned(),
         sources: escape(sources(model.lineage).as_str()).into_owned(),
     };
     let text = project.text();
@@ -151,10 +162,24 @@ fn sources(lineage: &Lineage) -> String {
         "Heights: sizeup {}, {}. CRS: {}; levels: {}.",
         lineage.version, lineage.height_definition, lineage.crs, lineage.vertical_reference
     );
-    if let Some(date) = &lineage.reference_date {
-        let _ = write!(text, " As of {date}.");
-    }
     text
+}
+
+/// Place of the town on the earth, where its CRS has one, and the day of the flight, where somebody or a photo told it.
+fn place(crs: &Crs, extent: Option<&Extent>, lineage: &Lineage) -> String {
+    let middle_deg = |Extent { min_m: [west, south, _], max_m: [east, north, _] }: &Extent| {
+        let to_degrees = Transform::new(crs, &Crs::parse("EPSG:4326").ok()?).ok()?;
+        to_degrees.point(f64::midpoint(*west, *east), f64::midpoint(*south, *north)).ok()
+    };
+    let in_words = |(lon_deg, lat_deg): (f64, f64)| {
+        let side = |angle_deg: f64, [positive, negative]: [char; 2]| {
+            format!("{:.4}° {}", angle_deg.abs(), if angle_deg < 0.0 { negative } else { positive })
+        };
+        format!("Place: {}, {}", side(lat_deg, ['N', 'S']), side(lon_deg, ['E', 'W']))
+    };
+    let day = lineage.reference_date.as_ref().map(|date| format!("Date: {date}"));
+    let parts: Vec<String> = extent.and_then(middle_deg).map(in_words).into_iter().chain(day).collect();
+    parts.join(" · ")
 }
 
 /// Parts of a project file; texts are escaped.
@@ -167,6 +192,8 @@ struct QgisProject<'a> {
     columns: BTreeMap<&'static str, Vec<Column>>,
     extent: Option<Extent>,
     ground: ProjectGround<'a>,
+    /// Place and day of the town.
+    place: String,
     sources: String,
 }
 
@@ -228,7 +255,7 @@ impl QgisProject<'_> {
 
     /// The 3D view, and the terrain that newer versions give to every new one.
     fn scene(&self, text: &mut String) {
-        let Some(Extent { min_m: [west, south, lowest], max_m: [east, north, _] }) = self.extent else { return };
+        let Some(Extent { min_m: [west, south, lowest], max_m: [east, north, highest] }) = self.extent else { return };
         let layers = |names: &[&str]| -> String {
             names.iter().map(|name| format!("<layer id=\"{ID_PREFIX}{name}\"/>")).collect()
         };
@@ -262,20 +289,25 @@ impl QgisProject<'_> {
             }
         };
         let _ = writeln!(text, "<ElevationProperties>{provider}</ElevationProperties>");
+        // Without point lights of its own QGIS adds one, and colours are brighter than the legend's.
         let _ = writeln!(
             text,
             "<mapViewDocks3D><view name=\"City\" isOpen=\"0\"><qgis3d>\
              <origin x=\"{:.3}\" y=\"{:.3}\" z=\"0\"/>\
              <camera field-of-view=\"45\" camera-navigation-mode=\"terrain-based-navigation\" projection-type=\"1\" \
              camera-movement-speed=\"5\"/><color background=\"207,224,238,255\" selection=\"255,255,0,255\"/>\
-             <directional-lights><directional-light x=\"0.4\" y=\"-0.8\" z=\"-0.5\" color=\"255,255,255,255\" \
+             <point-lights/><directional-lights><directional-light x=\"0.4\" y=\"-0.8\" z=\"-0.5\" color=\"255,255,255,255\" \
              intensity=\"0.4\"/><directional-light x=\"-0.7\" y=\"-0.5\" z=\"0.3\" color=\"255,255,255,255\" \
              intensity=\"0.2\"/></directional-lights>\
              <terrain exaggeration=\"{exaggeration}\" texture-size=\"512\" max-terrain-error=\"3\" max-ground-error=\"1\" \
              shading-enabled=\"0\" terrain-rendering-enabled=\"1\" map-theme=\"\" show-labels=\"0\" \
-             elevation-offset=\"{offset_m}\"><layers>{shown}</layers>{generator}</terrain></qgis3d></view></mapViewDocks3D>",
+             elevation-offset=\"{offset_m}\"><layers>{shown}</layers>{generator}</terrain></qgis3d>\
+             <camera x=\"0\" y=\"0\" elev=\"{:.3}\" dist=\"{:.3}\" pitch=\"{CAMERA_PITCH_DEG}\" yaw=\"{CAMERA_YAW_DEG}\"/>\
+             </view></mapViewDocks3D>",
             f64::midpoint(west, east),
             f64::midpoint(south, north),
+            f64::midpoint(lowest, highest),
+            CAMERA_REACHES * (east - west).hypot(north - south).max(highest - lowest),
         );
     }
 
@@ -325,7 +357,14 @@ impl QgisProject<'_> {
     fn layout(&self, text: &mut String) {
         let Some(Extent { min_m: [west, south, _], max_m: [east, north, _] }) = self.extent else { return };
         let Some(root) = LAYOUT.find("<Layouts") else { return };
-        let filled = LAYOUT[root..].replace(LAYOUT_TITLE, &self.title).replace(LAYOUT_SOURCES, &self.sources);
+        let heading = match self.title.as_str() {
+            COMMON_NAME => LAYOUT_HEADING.to_owned(),
+            name => format!("{LAYOUT_HEADING}: {name}"),
+        };
+        let filled = LAYOUT[root..]
+            .replace(LAYOUT_TITLE, &heading)
+            .replace(LAYOUT_PLACE, &self.place)
+            .replace(LAYOUT_SOURCES, &self.sources);
         let (Some(start), [width_mm, height_mm]) = (filled.find("<Extent "), LAYOUT_MAP_MM) else { return };
         let Some(end) = filled[start..].find("/>").map(|end| start + end + 2) else { return };
         // As large as fits into the frame, with room around.

@@ -7,16 +7,19 @@
 //! nodes    corners of patches and of the footprint; every edge ends at the nodes that lie on it ([`plan`])
 //! levels   of a plane at a node; those of several planes that nearly meet there are one
 //! walls    from base to roof along the footprint; upright between patches where one is higher than the other ([`walls`])
+//! exact    faces that the grid has bent are divided into triangles ([`exact`])
 //! ```
 //!
 //! A solid is given only where it is closed and nothing is found in it by [`super::validate`]; other buildings stay blocks
 //! ([`super::prism`]).
 
+mod exact;
+mod facets;
 mod patches;
 mod plan;
 mod walls;
 
-use geo_types::{Coord, LineString, Polygon};
+use geo_types::{Coord, LineString, MultiPolygon, Polygon};
 use glam::{DVec2, DVec3};
 
 use sizeup_heights::frames::LocalOrigin;
@@ -28,6 +31,7 @@ use super::footprint::{Ring, SnappedFootprint};
 use super::grid::OutputGrid;
 use super::prism::{FaceKind, GridFace, SnappedPrism};
 use super::{BuildingRecord, RoofShape, validate};
+pub use facets::{RoofFacet, facets};
 use plan::{NodeLevels, RoofPlan};
 
 /// Least height of a wall, metres.
@@ -63,12 +67,8 @@ pub fn faces(
         return None;
     }
     let footprint = block.footprint();
-    let frame = BuildingFrame { grid, origin: footprint.rings()[0][0] };
-    let polygon = frame.polygon(footprint);
-    let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
-    let scene = ScenePrism::new(&polygon, ground, LocalOrigin(DVec3::ZERO));
-    let planes = RoofPlanes::of(&roof(shape, frame.corner_m()), &scene)?;
-    let plan = RoofPlan::of(footprint, &patches::of(&polygon, &planes)?, &frame)?;
+    let PlannedRoof { frame, planes, patches } = PlannedRoof::of(shape, block, grid)?;
+    let plan = RoofPlan::of(footprint, &patches, &frame)?;
     let levels = NodeLevels::of(&plan, &planes.planes, ground_z_m, &frame);
     let least = block.base() + (LEAST_WALL_M / grid.scale_m) as i64;
     if levels.lowest()? < least {
@@ -82,7 +82,28 @@ pub fn faces(
     }));
     faces.extend(walls::outer(&plan, &levels, block.base()));
     faces.extend(walls::inner(&plan, &levels)?);
-    validate::faults_of(&faces, grid).is_empty().then_some(faces)
+    let is_valid = |faces: &Vec<GridFace>| validate::faults_of(faces, grid).is_empty();
+    exact::split_bent(&faces).filter(is_valid).or_else(|| is_valid(&faces).then_some(faces))
+}
+
+/// A roof as planes, and the part of the footprint under each.
+struct PlannedRoof<'a> {
+    frame: BuildingFrame<'a>,
+    planes: RoofPlanes,
+    patches: Vec<MultiPolygon<f64>>,
+}
+
+impl<'a> PlannedRoof<'a> {
+    /// `None` where the form does not fit the footprint.
+    fn of(shape: RoofShape, block: &SnappedPrism, grid: &'a OutputGrid) -> Option<Self> {
+        let frame = BuildingFrame { grid, origin: block.footprint().rings()[0][0] };
+        let polygon = frame.polygon(block.footprint());
+        let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+        let scene = ScenePrism::new(&polygon, ground, LocalOrigin(DVec3::ZERO));
+        let planes = RoofPlanes::of(&roof(shape, frame.corner_m()), &scene)?;
+        let patches = patches::of(&polygon, &planes)?;
+        Some(Self { frame, planes, patches })
+    }
 }
 
 /// A roof of several levels with each of them flat, a gable at its mean; `None` of other roofs.
@@ -243,10 +264,35 @@ mod tests {
     }
 
     #[test]
+    fn planes_of_a_roof_have_area_slope_and_aspect() {
+        // 12 x 8 m turned by 20 degrees, the ridge along the longer side, 4 m above the eaves.
+        let shape =
+            RoofShape { ridge_azimuth_deg: Some(azimuth_deg(20.0)), ..RoofShape::new(RoofForm::Gable, 4.0, 8.0) };
+        let record = house(&rectangle(), 20.0, shape);
+        let (grid, _) = OutputGrid::over(std::slice::from_ref(&record), 0.001).unwrap();
+        let block = SnappedPrism::of(&record, &grid, 0.1).unwrap();
+        let found = facets(&record, &block, &grid);
+        assert_eq!(found.len(), 2);
+        for facet in &found {
+            assert!((facet.area_m2 - 48.0 * 2.0_f64.sqrt()).abs() < 0.05, "{facet:?}");
+            assert!((facet.slope_deg - 45.0).abs() < 0.05, "{facet:?}");
+        }
+        // Upright to the ridge, which runs from 70 to 250 degrees.
+        let mut aspects: Vec<f64> = found.iter().filter_map(|facet| facet.aspect_deg).collect();
+        aspects.sort_by(f64::total_cmp);
+        assert!((aspects[0] - 160.0).abs() < 0.1 && (aspects[1] - 340.0).abs() < 0.1, "{aspects:?}");
+        let flat = RoofShape::new(RoofForm::Flat, 4.0, 4.0);
+        let found = facets(&house(&rectangle(), 20.0, flat), &block, &grid);
+        assert_eq!(found.len(), 1);
+        assert!((found[0].area_m2 - 96.0).abs() < 1e-6 && found[0].aspect_deg.is_none(), "{found:?}");
+    }
+
+    #[test]
     fn a_hip_has_a_slope_to_every_wall() {
         let shape = RoofShape::new(RoofForm::Hip, 4.0, 8.0);
         let (faces, volume_m3) = solid(&house(&rectangle(), 20.0, shape)).unwrap();
-        assert_eq!((n_roofs(&faces), faces.len()), (4, 9));
+        // Two slopes of three corners, and two of four that the grid has bent: two triangles each.
+        assert_eq!((n_roofs(&faces), faces.len()), (6, 11));
         // Over a rectangle a · b, b the lesser: rise · b (3 a − b) / 6. The farthest place is known to some centimetres.
         let above_eave_m3 = 4.0 * 8.0 * (3.0 * 12.0 - 8.0) / 6.0;
         assert!((volume_m3 - 96.0 * 4.3 - above_eave_m3).abs() < 0.02 * above_eave_m3, "{volume_m3}");

@@ -44,7 +44,7 @@ impl NamedColumns {
         let property = |(id, column): &(String, Column)| {
             let mut property = match column.kind {
                 ColumnKind::Text => json!({ "type": "STRING", "noData": "" }),
-                ColumnKind::Real | ColumnKind::Integer => {
+                ColumnKind::Real | ColumnKind::Integer | ColumnKind::Flag => {
                     json!({ "type": "SCALAR", "componentType": "FLOAT64", "noData": NO_NUMBER })
                 }
             };
@@ -81,7 +81,7 @@ impl NamedColumns {
                     }
                     json!({ "values": buffers.view(&text), "stringOffsets": buffers.view(&offsets) })
                 }
-                ColumnKind::Real | ColumnKind::Integer => {
+                ColumnKind::Real | ColumnKind::Integer | ColumnKind::Flag => {
                     let numbers = values.map(|value| value.as_f64().unwrap_or(NO_NUMBER));
                     json!({ "values": buffers.view(&numbers.flat_map(f64::to_le_bytes).collect::<Vec<u8>>()) })
                 }

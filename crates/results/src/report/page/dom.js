@@ -30,15 +30,18 @@ function table(heads, rows, { first = 100, caption = null } = {}) {
     }
   };
   add(0, first);
-  const whole = el("div", { class: "table" },
+  const whole = el("div", { class: "table", tabindex: 0, role: "group", "aria-label": caption ?? heads.join(", ") },
     el("table", {}, caption && el("caption", { text: caption }),
       el("thead", {}, el("tr", {}, heads.map((head) => el("th", { scope: "col", text: head })))), body));
   if (rows.length > first) {
-    const more = el("button", { type: "button", text: `Show all ${rows.length}`, onclick: () => { add(first); more.remove(); } });
+    const more = el("button", { type: "button", class: "more", text: `Show all ${rows.length}`, onclick: () => { add(first); more.remove(); } });
     whole.append(more);
   }
   return whole;
 }
+
+// Makes the rows of all tables, as paper has no buttons.
+const showAllRows = () => document.querySelectorAll("button.more").forEach((button) => button.click());
 
 // Terms and what they are.
 const facts = (pairs) =>

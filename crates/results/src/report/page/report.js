@@ -203,9 +203,13 @@ function start() {
     const link = event.target.closest("a");
     if (link && link.hash === location.hash) followAddress();
   });
-  // Paper is light.
+  // Paper is light, and shows every row.
   let theme = null;
-  window.addEventListener("beforeprint", () => { theme = document.documentElement.dataset.theme; drawIn("light"); });
+  window.addEventListener("beforeprint", () => {
+    theme = document.documentElement.dataset.theme;
+    drawIn("light");
+    showAllRows();
+  });
   window.addEventListener("afterprint", () => drawIn(theme));
   followAddress();
 }

@@ -32,7 +32,7 @@ function drawSummary(data) {
   const reasons = Object.entries(summary.n_by_reason);
   if (reasons.length > 0) {
     byId("summary").append(el("h3", { text: "Why heights are doubtful or missing" }),
-      table(["Reason", "Buildings", ""], reasons.map(([code, n]) => [words(code), String(n), REASONS[code] ?? ""])));
+      table(["Reason", "Buildings", "Meaning"], reasons.map(([code, n]) => [words(code), String(n), REASONS[code] ?? ""])));
   }
   byId("headline").textContent = summary.heights
     ? `median height ${metres(summary.heights.median_m)}, ${summary.n_by_status.doubtful ?? 0} doubtful, ${(summary.n_by_status.unknown ?? 0) + (summary.n_by_status.refused ?? 0)} without a height`
@@ -66,7 +66,7 @@ function drawBuildings(data) {
     found.sort(orders[order.value][1]);
     const rows = found.map((b) => [linkTo(b), metres(b.height), b.sigma === null ? "–" : `± ${number(b.sigma, 2)} m`, words(b.status),
       b.reasons.map(words).join(", "), String(b.views.length)]);
-    box.replaceChildren(table(["Building", "Height", "Uncertainty", "Status", "Reasons", "Photos"], rows, { first: 25, caption: `${found.length} of ${data.buildings.length}` }));
+    box.replaceChildren(table(["Building", "Height", "Uncertainty", "Status", "Reasons", "Photos"], rows, { first: 25, caption: `${found.length} of ${data.buildings.length}${data.summary.n_parts > 0 ? ", parts of buildings among them" : ""}` }));
   };
   [search, status, order].forEach((input) => input.addEventListener("input", draw));
   section.append(el("div", { class: "filters" }, search, status, order), box);

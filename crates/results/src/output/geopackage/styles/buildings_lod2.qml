@@ -6,7 +6,7 @@
       <rule filter="&quot;height_m&quot; IS NOT NULL AND &quot;height_m&quot; &lt; 3 AND coalesce(&quot;status&quot;, '') &lt;> 'doubtful'" description="below 3 m" key="{00000000-0000-4000-8000-000000000001}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="38,1,47,255" specular="255,255,255,255" diffuse="68,1,84,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="48,1,59,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -28,7 +28,7 @@
       <rule filter="&quot;height_m&quot; >= 3 AND &quot;height_m&quot; &lt; 6 AND coalesce(&quot;status&quot;, '') &lt;> 'doubtful'" description="3 to 6 m" key="{00000000-0000-4000-8000-000000000002}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="40,22,67,255" specular="255,255,255,255" diffuse="72,40,120,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="50,28,84,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -50,7 +50,7 @@
       <rule filter="&quot;height_m&quot; >= 6 AND &quot;height_m&quot; &lt; 9 AND coalesce(&quot;status&quot;, '') &lt;> 'doubtful'" description="6 to 9 m" key="{00000000-0000-4000-8000-000000000003}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="34,41,76,255" specular="255,255,255,255" diffuse="62,73,137,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="43,51,96,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -72,7 +72,7 @@
       <rule filter="&quot;height_m&quot; >= 9 AND &quot;height_m&quot; &lt; 12 AND coalesce(&quot;status&quot;, '') &lt;> 'doubtful'" description="9 to 12 m" key="{00000000-0000-4000-8000-000000000004}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="27,58,79,255" specular="255,255,255,255" diffuse="49,104,142,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="34,73,99,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -94,7 +94,7 @@
       <rule filter="&quot;height_m&quot; >= 12 AND &quot;height_m&quot; &lt; 15 AND coalesce(&quot;status&quot;, '') &lt;> 'doubtful'" description="12 to 15 m" key="{00000000-0000-4000-8000-000000000005}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="21,72,79,255" specular="255,255,255,255" diffuse="38,130,142,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="27,91,99,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -116,7 +116,7 @@
       <rule filter="&quot;height_m&quot; >= 15 AND &quot;height_m&quot; &lt; 20 AND coalesce(&quot;status&quot;, '') &lt;> 'doubtful'" description="15 to 20 m" key="{00000000-0000-4000-8000-000000000006}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="17,88,76,255" specular="255,255,255,255" diffuse="31,158,137,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="22,110,96,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -138,7 +138,7 @@
       <rule filter="&quot;height_m&quot; >= 20 AND &quot;height_m&quot; &lt; 30 AND coalesce(&quot;status&quot;, '') &lt;> 'doubtful'" description="20 to 30 m" key="{00000000-0000-4000-8000-000000000007}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="29,102,67,255" specular="255,255,255,255" diffuse="53,183,121,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="37,128,85,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -160,7 +160,7 @@
       <rule filter="&quot;height_m&quot; >= 30 AND &quot;height_m&quot; &lt; 60 AND coalesce(&quot;status&quot;, '') &lt;> 'doubtful'" description="30 to 60 m" key="{00000000-0000-4000-8000-000000000008}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="61,114,49,255" specular="255,255,255,255" diffuse="110,206,88,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="77,144,62,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -182,7 +182,7 @@
       <rule filter="&quot;height_m&quot; >= 60 AND &quot;height_m&quot; &lt; 100 AND coalesce(&quot;status&quot;, '') &lt;> 'doubtful'" description="60 to 100 m" key="{00000000-0000-4000-8000-000000000009}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="101,123,24,255" specular="255,255,255,255" diffuse="181,222,43,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="127,155,30,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -204,7 +204,7 @@
       <rule filter="&quot;height_m&quot; >= 100 AND coalesce(&quot;status&quot;, '') &lt;> 'doubtful'" description="100 m and more" key="{00000000-0000-4000-8000-000000000010}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="141,128,21,255" specular="255,255,255,255" diffuse="253,231,37,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="177,162,26,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -226,7 +226,7 @@
       <rule filter="&quot;height_m&quot; IS NOT NULL AND &quot;height_m&quot; &lt; 3 AND &quot;status&quot; = 'doubtful'" description="below 3 m, doubtful" key="{00000000-0000-4000-8000-000000000011}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="38,1,47,255" specular="255,255,255,255" diffuse="68,1,84,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="48,1,59,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -248,7 +248,7 @@
       <rule filter="&quot;height_m&quot; >= 3 AND &quot;height_m&quot; &lt; 6 AND &quot;status&quot; = 'doubtful'" description="3 to 6 m, doubtful" key="{00000000-0000-4000-8000-000000000012}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="40,22,67,255" specular="255,255,255,255" diffuse="72,40,120,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="50,28,84,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -270,7 +270,7 @@
       <rule filter="&quot;height_m&quot; >= 6 AND &quot;height_m&quot; &lt; 9 AND &quot;status&quot; = 'doubtful'" description="6 to 9 m, doubtful" key="{00000000-0000-4000-8000-000000000013}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="34,41,76,255" specular="255,255,255,255" diffuse="62,73,137,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="43,51,96,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -292,7 +292,7 @@
       <rule filter="&quot;height_m&quot; >= 9 AND &quot;height_m&quot; &lt; 12 AND &quot;status&quot; = 'doubtful'" description="9 to 12 m, doubtful" key="{00000000-0000-4000-8000-000000000014}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="27,58,79,255" specular="255,255,255,255" diffuse="49,104,142,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="34,73,99,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -314,7 +314,7 @@
       <rule filter="&quot;height_m&quot; >= 12 AND &quot;height_m&quot; &lt; 15 AND &quot;status&quot; = 'doubtful'" description="12 to 15 m, doubtful" key="{00000000-0000-4000-8000-000000000015}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="21,72,79,255" specular="255,255,255,255" diffuse="38,130,142,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="27,91,99,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -336,7 +336,7 @@
       <rule filter="&quot;height_m&quot; >= 15 AND &quot;height_m&quot; &lt; 20 AND &quot;status&quot; = 'doubtful'" description="15 to 20 m, doubtful" key="{00000000-0000-4000-8000-000000000016}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="17,88,76,255" specular="255,255,255,255" diffuse="31,158,137,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="22,110,96,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -358,7 +358,7 @@
       <rule filter="&quot;height_m&quot; >= 20 AND &quot;height_m&quot; &lt; 30 AND &quot;status&quot; = 'doubtful'" description="20 to 30 m, doubtful" key="{00000000-0000-4000-8000-000000000017}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="29,102,67,255" specular="255,255,255,255" diffuse="53,183,121,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="37,128,85,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -380,7 +380,7 @@
       <rule filter="&quot;height_m&quot; >= 30 AND &quot;height_m&quot; &lt; 60 AND &quot;status&quot; = 'doubtful'" description="30 to 60 m, doubtful" key="{00000000-0000-4000-8000-000000000018}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="61,114,49,255" specular="255,255,255,255" diffuse="110,206,88,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="77,144,62,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -402,7 +402,7 @@
       <rule filter="&quot;height_m&quot; >= 60 AND &quot;height_m&quot; &lt; 100 AND &quot;status&quot; = 'doubtful'" description="60 to 100 m, doubtful" key="{00000000-0000-4000-8000-000000000019}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="101,123,24,255" specular="255,255,255,255" diffuse="181,222,43,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="127,155,30,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
@@ -424,7 +424,7 @@
       <rule filter="&quot;height_m&quot; >= 100 AND &quot;status&quot; = 'doubtful'" description="100 m and more, doubtful" key="{00000000-0000-4000-8000-000000000020}">
         <symbol type="polygon" material_type="phong">
           <data rendered-facade="3" extrusion-height="0" invert-normals="0" culling-mode="no-culling" add-back-faces="0" alt-binding="centroid" alt-clamping="absolute" height="0"/>
-          <material ambient="141,128,21,255" specular="255,255,255,255" diffuse="253,231,37,255" shininess="0">
+          <material ambient="255,255,255,255" specular="0,0,0,255" diffuse="177,162,26,255" shininess="0">
             <data-defined-properties>
               <Option type="Map">
                 <Option type="QString" name="name" value=""/>
