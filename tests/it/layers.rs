@@ -54,7 +54,7 @@ const ROOMS: [Room; 9] = [
     Room {
         name: "photos",
         uses: &["geo", "heights", "survey"],
-        levels: &[&["onnx", "quality", "vegetation"], &["prior"], &["align"], &["dtm"]],
+        levels: &[&["onnx", "quality", "textures", "vegetation"], &["prior"], &["align"], &["dtm"]],
     },
     Room { name: "footprints", uses: &["geo", "heights", "photos", "survey"], levels: &[] },
     Room {
