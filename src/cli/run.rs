@@ -121,6 +121,9 @@ fn run_tiled(mut config: RunConfig, file: &Path, args: &RunArgs, global: &Global
     let plan = args.cut.settings(absolute(file)?, args.tileset.tileset(), args.trust);
     let manifest = plan_config(&config, &plan, global)?;
     let (ui, layout) = (Ui::new(global), Layout::new(&config.project.output));
+    if config.output.textures.enabled {
+        ui.say("warning: no textures are written with --tiled; `sizeup run` without it writes them");
+    }
     let city = tiles::status(&layout, args.trust.trust()).map_err(|e| failed(&e))?;
     let todo: Vec<Tile> =
         city.tiles.into_iter().filter(|one| one.state != TileState::Done).map(|one| one.tile).collect();

@@ -25,6 +25,7 @@ use sizeup_heights::scene::HeightsConfig;
 use sizeup_photos::align::AlignConfig;
 use sizeup_photos::dtm::DtmConfig;
 use sizeup_photos::prior::PriorConfig;
+use sizeup_photos::textures::TextureConfig;
 use sizeup_results::output::cityjson::CityJsonConfig;
 use sizeup_results::output::fallback::FallbackConfig;
 use sizeup_results::output::geopackage::GeoPackageConfig;
@@ -161,6 +162,8 @@ pub struct OutputConfig {
     pub geopackage: GeoPackageConfig,
     /// Settings of the report.
     pub report: ReportConfig,
+    /// The city with textures from its photos.
+    pub textures: TextureConfig,
 }
 
 /// Where a footprint stands in the results that is known to be off.
@@ -183,6 +186,7 @@ impl Default for OutputConfig {
             cityjson: CityJsonConfig::default(),
             geopackage: GeoPackageConfig::default(),
             report: ReportConfig::default(),
+            textures: TextureConfig::default(),
         }
     }
 }

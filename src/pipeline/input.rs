@@ -13,6 +13,7 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::GroundLevel;
 use sizeup_heights::scene::HeightBounds;
 use sizeup_results::output::fallback::FallbackSource;
+use sizeup_photos::textures::TEXELS_M;
 use sizeup_survey::{Survey, ViewKind, Viewpoints};
 
 /// Code of the issue of footprints that are in no photo.
@@ -162,6 +163,18 @@ pub(super) fn check_settings(config: &RunConfig) -> Result<(), PipelineError> {
             table: "output.fallback",
             message: fault.to_owned(),
             hint: "source is none, attribute (with attribute = \"storeys\", metres_per_unit = 3.0) or neighbourhood",
+        });
+    }
+    if config.output.textures.texel_m.is_some_and(|texel_m| !TEXELS_M.contains(&texel_m)) {
+        return Err(PipelineError::Settings {
+            table: "output.textures",
+            message: format!(
+                "`texel_m` is {}: expected {} to {} m",
+                config.output.textures.texel_m.unwrap_or_default(),
+                TEXELS_M.start(),
+                TEXELS_M.end()
+            ),
+            hint: "leave it out for the size that a pixel of the photos has on the buildings",
         });
     }
     if let Some((field, expected)) = config.refinement.fault() {

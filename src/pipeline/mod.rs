@@ -35,6 +35,7 @@ mod report;
 mod settings;
 mod soundness;
 mod stages;
+mod textures;
 mod tile;
 mod worst;
 
@@ -52,6 +53,7 @@ pub use priors::{PriorsDone, Wanted, compute_priors};
 pub use report::{photos_for_city_report, write_city_report};
 pub use settings::part_settings;
 pub use stages::{correct_ground, files_of, lineage_of, reviews_of, unstated_reference};
+pub use textures::{BuildingTexture, TextureScene, TextureSummary, texture};
 pub use tile::{
     CityPart, PartHashes, PartHeights, find_footprints, footprints_around, layer_of, refused_records, survey_of,
 };

@@ -15,6 +15,7 @@ use super::input::{check_fallback, check_settings, check_views, height_bounds, u
 use super::kept::PriorStore;
 use super::parts::split_footprints;
 use super::records::records;
+use super::textures::{self, TextureScene};
 use super::worst::worst;
 use super::{City, Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
 use super::{artefact, footprints, ground_told, pictures, poses, report, soundness};
@@ -29,6 +30,7 @@ use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::optimise::{DisagreeingView, LevelOff, PriorShape, Solution};
 use sizeup_heights::scene::Scene;
 use sizeup_photos::prior::Priors;
+use sizeup_photos::textures::Choice;
 use sizeup_results::output::plausible::CityDoubts;
 use sizeup_results::output::reports::write_issues;
 use sizeup_results::output::reviews::Reviews;
@@ -152,9 +154,19 @@ fn run_marked(
     let mut issues = all_issues(config, &survey, &footprints, &heights);
     issues.extend(reviews.unmatched(records.as_slice())?);
     issues.extend(cityjson::check(&records)?);
+    let moved_survey = moved(&survey, heights.moved_m()).into_owned();
+    let painted = match &config.output.textures {
+        settings if settings.enabled => {
+            let scene = TextureScene::new(config, &records, &moved_survey, &stage)?;
+            let textures = scene.bake(&moved_survey.views, settings.texel_m, Choice::Agreeing);
+            issues.extend(textures.issues.iter().cloned());
+            Some((scene, textures))
+        }
+        _ => None,
+    };
     sum_up(&mut summary, &records, &mut issues);
     let priors = priors.map_or_else(|| PriorStore::open(config, &survey, &stage), Ok)?;
-    let survey = moved(&survey, heights.moved_m()).into_owned();
+    let survey = moved_survey;
     let lineage = lineage(config, options, &survey, &heights, priors.source())?;
     let model = CityModel {
         records: records.as_slice(),
@@ -166,6 +178,9 @@ fn run_marked(
     // From here on results of another run may be replaced, one after the other.
     mark.replace()?;
     write_results(config, &model, &summary)?;
+    if let Some((scene, textures)) = &painted {
+        textures::write(config, &model, scene, textures)?;
+    }
     if config.output.pictures {
         pictures::write(&config.project.output, &model, &stage, &heights, &priors)?;
     }

@@ -74,7 +74,7 @@ const ROOMS: [Room; 9] = [
     },
     Room {
         name: LAB,
-        uses: &["geo", "heights", "results", "survey", "truth"],
+        uses: &["geo", "heights", "photos", "results", "survey", "truth"],
         levels: &[&["baseline"], &["benchmark"], &["cli"]],
     },
 ];

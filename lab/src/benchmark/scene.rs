@@ -310,7 +310,7 @@ fn seconds_of(summary: &RunSummary, stage: Stage) -> f64 {
 
 /// Processor seconds that this process spent in user mode, from Linux' `/proc`, in hundredths (`USER_HZ` is 100
 /// everywhere).
-fn user_seconds() -> Option<f64> {
+pub(super) fn user_seconds() -> Option<f64> {
     let stat = fs::read_to_string("/proc/self/stat").ok()?;
     // The command's name, in brackets, may hold spaces; `utime` is the twelfth field after it.
     let ticks: f64 = stat.rsplit_once(')')?.1.split_whitespace().nth(11)?.parse().ok()?;

@@ -32,7 +32,7 @@ mod gains;
 mod paint;
 mod render;
 mod scene;
-mod similarity;
+pub mod similarity;
 mod views;
 mod warp;
 
@@ -52,7 +52,6 @@ pub use atlas::Page;
 use chart::Chart;
 pub use render::{Rendering, TexturedTown};
 pub use scene::SurfaceScene;
-pub use similarity::{Similarity, similarity};
 
 /// Settings of the textures.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
@@ -65,6 +64,8 @@ pub struct TextureConfig {
     pub texel_m: Option<f64>,
 }
 
+/// Sides of a texel that can be asked for, metres.
+pub const TEXELS_M: std::ops::RangeInclusive<f64> = 0.01..=10.0;
 /// Finest texel that is chosen without being asked for, metres: a building of 20 × 10 × 10 m has 80,000 of them.
 const FINEST_TEXEL_M: f64 = 0.1;
 

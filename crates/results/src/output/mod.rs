@@ -9,6 +9,7 @@
 //! | FlatGeobuf | [`flatgeobuf`] | footprints and heights over the web |
 //! | GeoJSON | [`geojson`] | footprints and heights in longitude and latitude, for web maps |
 //! | 3D Tiles 1.1 | [`tiles3d`] | Cesium, digital twins |
+//! | CityJSON and glTF with pictures | [`textured`] | viewers, Blender, game engines: the city with textures from the photos |
 //! | PNG | [`picture`] | a first look |
 //! | JSON | [`reports`] | pipelines |
 //!
@@ -45,6 +46,7 @@ pub mod reports;
 pub mod reviews;
 pub mod roof_solid;
 mod summary;
+pub mod textured;
 pub mod tiles3d;
 pub(crate) mod triangles;
 pub mod unmeasured;

@@ -1,0 +1,193 @@
+//! The textured city of a run: its solids, its ground and its photos brought together.
+
+use std::collections::BTreeMap;
+use std::fs;
+
+use serde::Serialize;
+
+use super::heights::moved;
+use super::input::check_settings;
+use super::records::records;
+use super::stages::{SceneStage, reviews_of};
+use super::{FootprintStage, HeightStage, PipelineError, Stage, artefact};
+use crate::config::{FootprintPlace, RunConfig};
+use sizeup_geo::files::FileError;
+use sizeup_geo::issue::Issue;
+use sizeup_heights::frames::LocalOrigin;
+use sizeup_heights::scene::LocalGround;
+use sizeup_photos::textures::{Choice, Surface, SurfaceKind, TextureTask, TexturedArea, Textures, bake};
+use sizeup_results::output::picture::photo_of;
+use sizeup_results::output::textured::{self, CitySurfaces};
+use sizeup_results::output::{BuildingRecord, CityModel, Lineage};
+use sizeup_survey::{Survey, View};
+
+/// Everything that a run's city is textured from.
+pub struct TextureScene {
+    /// Every building of the result.
+    pub records: Vec<BuildingRecord>,
+    /// The photos, moved onto the footprints where the whole layer was.
+    pub survey: Survey,
+    /// Surfaces of the solids as they are written.
+    pub city: CitySurfaces,
+    /// The same where the photos show them: a footprint that is known to be off is painted from there.
+    pub surfaces: Vec<Surface>,
+    /// The ground in the local frame.
+    pub ground: LocalGround,
+    /// Origin of the local frame.
+    pub origin: LocalOrigin,
+}
+
+impl TextureScene {
+    /// The scene of the records of a run.
+    pub(super) fn new(
+        config: &RunConfig,
+        records: &[BuildingRecord],
+        survey: &Survey,
+        stage: &SceneStage,
+    ) -> Result<Self, PipelineError> {
+        let city = CitySurfaces::of(records)?;
+        let mut surfaces = city.surfaces.clone();
+        if config.output.footprints == FootprintPlace::AsGiven {
+            for surface in &mut surfaces {
+                let Some(shift) = records[surface.building].footprint_shift else { continue };
+                surface.rings.iter_mut().flatten().for_each(|corner| *corner += shift.way().extend(0.0));
+            }
+        }
+        Ok(Self {
+            records: records.to_vec(),
+            survey: survey.clone(),
+            city,
+            surfaces,
+            ground: stage.scene.ground.clone(),
+            origin: stage.scene.origin,
+        })
+    }
+
+    /// The scene of a result, from what its stages left behind.
+    ///
+    /// # Errors
+    /// [`PipelineError`]: no run in the output folder, or one made from other input or settings.
+    pub fn of_result(config: &RunConfig) -> Result<Self, PipelineError> {
+        check_settings(config)?;
+        let survey = artefact::read_survey(config)?;
+        let mut footprints: FootprintStage = artefact::read(config, Stage::Footprints, &survey)?;
+        let heights: HeightStage = artefact::read(config, Stage::Heights, &survey)?;
+        heights.check_positions(config, &survey, &footprints)?;
+        let (heights, stage) = SceneStage::of_heights(config, &survey, &mut footprints, heights)?;
+        let reviews = reviews_of(config)?;
+        let records = records((config, stage.scene.bounds), &survey, &footprints, &heights, &reviews);
+        Self::new(config, &records, &moved(&survey, heights.moved_m()), &stage)
+    }
+
+    /// Textures from some of the photos.
+    #[must_use]
+    pub fn bake(&self, views: &[View], texel_m: Option<f64>, choice: Choice) -> Textures {
+        let decode = |view: &View| photo_of(view).map_err(|e| e.to_string());
+        bake(&TextureTask {
+            surfaces: &self.surfaces,
+            ground: self.ground.clone(),
+            origin: self.origin,
+            views,
+            decode: &decode,
+            texel_m,
+            choice,
+        })
+    }
+}
+
+/// Numbers of a textured city.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TextureSummary {
+    /// Side of a texel, metres.
+    pub texel_m: f64,
+    /// Pictures that the textures are on.
+    pub n_pages: usize,
+    /// Bytes of the pictures.
+    pub n_bytes: usize,
+    /// Roofs by where their colours come from.
+    pub roofs: TexturedArea,
+    /// Walls by where their colours come from.
+    pub walls: TexturedArea,
+    /// The same of each building, and the photos that paint its surfaces, most first.
+    pub buildings: BTreeMap<String, BuildingTexture>,
+}
+
+/// Textures of one building.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct BuildingTexture {
+    /// Roofs and walls by where their colours come from.
+    pub areas: TexturedArea,
+    /// Names of the photos that paint most of a surface, the one of most surfaces first.
+    pub photos: Vec<String>,
+}
+
+impl TextureSummary {
+    /// Summary of the textures of a scene.
+    #[must_use]
+    pub fn of(scene: &TextureScene, textures: &Textures) -> Self {
+        let mut buildings: BTreeMap<String, BuildingTexture> = BTreeMap::new();
+        let mut photos: BTreeMap<&str, BTreeMap<usize, usize>> = BTreeMap::new();
+        for (surface, texture) in scene.surfaces.iter().zip(&textures.surfaces) {
+            let id = scene.records[surface.building].id.as_str();
+            buildings.entry(id.to_owned()).or_default().areas.add(&texture.areas);
+            if let Some(photo) = texture.photo {
+                *photos.entry(id).or_default().entry(photo).or_default() += 1;
+            }
+        }
+        for (id, counts) in photos {
+            let mut counts: Vec<(usize, usize)> = counts.into_iter().collect();
+            counts.sort_by_key(|&(view, n)| (std::cmp::Reverse(n), view));
+            let names = counts.into_iter().map(|(view, _)| scene.survey.views[view].id.0.clone());
+            if let Some(building) = buildings.get_mut(id) {
+                building.photos = names.collect();
+            }
+        }
+        Self {
+            texel_m: textures.texel_m,
+            n_pages: textures.pages.len(),
+            n_bytes: textures.pages.iter().map(|page| page.jpeg.len()).sum(),
+            roofs: textures.areas(&scene.surfaces, SurfaceKind::Roof),
+            walls: textures.areas(&scene.surfaces, SurfaceKind::Wall),
+            buildings,
+        }
+    }
+}
+
+/// Writes the textured city beside the results.
+pub(super) fn write(
+    config: &RunConfig,
+    model: &CityModel<'_>,
+    scene: &TextureScene,
+    textures: &Textures,
+) -> Result<TextureSummary, PipelineError> {
+    let summary = TextureSummary::of(scene, textures);
+    let folder = config.project.output.join(textured::FOLDER);
+    textured::write(&folder, model, &config.output.cityjson, &scene.city, textures, &summary)?;
+    Ok(summary)
+}
+
+/// Textures a finished result from its photos: writes `textured/` beside it and nothing else. Returns the numbers, and what is to be told of
+/// photos and surfaces.
+///
+/// # Errors
+/// [`PipelineError`]: no finished run in the output folder, one made from other input or settings, or the file system.
+pub fn texture(config: &RunConfig) -> Result<(TextureSummary, Vec<Issue>), PipelineError> {
+    let scene = TextureScene::of_result(config)?;
+    let path = config.project.output.join("lineage.json");
+    let text = fs::read(&path).map_err(FileError::on("cannot read", &path))?;
+    let lineage: Lineage = serde_json::from_slice(&text).map_err(|e| PipelineError::Artefact {
+        path,
+        message: e.to_string(),
+        stage: Stage::Output.name(),
+    })?;
+    let textures = scene.bake(&scene.survey.views, config.output.textures.texel_m, Choice::Agreeing);
+    let model = CityModel {
+        records: scene.records.as_slice(),
+        crs: &config.project.crs,
+        lineage: &lineage,
+        issues: &[],
+        survey: &scene.survey,
+    };
+    let summary = write(config, &model, &scene, &textures)?;
+    Ok((summary, textures.issues))
+}
