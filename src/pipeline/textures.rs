@@ -9,17 +9,26 @@ use super::heights::moved;
 use super::input::check_settings;
 use super::records::records;
 use super::stages::{SceneStage, reviews_of};
-use super::{FootprintStage, HeightStage, PipelineError, Stage, artefact};
+use super::{FootprintStage, HeightStage, PipelineError, Stage, artefact, backdrop};
 use crate::config::{FootprintPlace, RunConfig};
 use sizeup_geo::files::FileError;
 use sizeup_geo::issue::Issue;
+use sizeup_geo::terrain::Terrain;
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::scene::LocalGround;
+use sizeup_heights::stats;
 use sizeup_photos::textures::{Choice, Surface, SurfaceKind, TextureTask, TexturedArea, Textures, bake};
 use sizeup_results::output::picture::photo_of;
-use sizeup_results::output::textured::{self, CitySurfaces};
+use sizeup_results::output::textured::{self, CitySurfaces, PaintedCity, TexturedGround};
 use sizeup_results::output::{BuildingRecord, CityModel, Lineage};
 use sizeup_survey::{Survey, View};
+
+/// Longer side of the picture of the ground, pixels, at most: what every graphics card takes.
+const GROUND_PX: u32 = 4096;
+/// Cells along the longer side of the ground's mesh, at most: 130,000 triangles.
+const MOST_CELLS: f64 = 256.0;
+/// Colour of ground that no photo shows.
+const NO_PHOTO: [u8; 3] = [200, 197, 184];
 
 /// Everything that a run's city is textured from.
 pub struct TextureScene {
@@ -33,6 +42,8 @@ pub struct TextureScene {
     pub surfaces: Vec<Surface>,
     /// The ground in the local frame.
     pub ground: LocalGround,
+    /// The same in the map.
+    pub terrain: Terrain,
     /// Origin of the local frame.
     pub origin: LocalOrigin,
 }
@@ -59,6 +70,7 @@ impl TextureScene {
             city,
             surfaces,
             ground: stage.scene.ground.clone(),
+            terrain: stage.terrain.clone(),
             origin: stage.scene.origin,
         })
     }
@@ -77,6 +89,39 @@ impl TextureScene {
         let reviews = reviews_of(config)?;
         let records = records((config, stage.scene.bounds), &survey, &footprints, &heights, &reviews);
         Self::new(config, &records, &moved(&survey, heights.moved_m()), &stage)
+    }
+
+    /// The ground with the nadir photos laid on it; `None` where none shows it.
+    fn ground_picture(&self, texel_m: f64) -> Option<TexturedGround> {
+        let laid = backdrop::lay(&self.survey.views, &self.records, &self.terrain, GROUND_PX, backdrop::TOWN)?;
+        let [west_m, south_m, east_m, north_m] = laid.bounds_m;
+        let (width_m, depth_m) = (east_m - west_m, north_m - south_m);
+        let levels: Vec<f64> = self.records.iter().filter_map(|record| record.ground_z_m).collect();
+        let mean_m = stats::median(&levels).unwrap_or(0.0);
+        let n = |length_m: f64| match &self.terrain {
+            Terrain::Constant(_) => 2,
+            Terrain::Grid(dem) => (length_m / dem.cell_m().0.max(width_m.max(depth_m) / MOST_CELLS)).ceil() as usize + 1,
+        };
+        let n_nodes = [n(width_m).max(2), n(depth_m).max(2)];
+        let height_m = |i: usize| {
+            let share = |at: usize, n: usize| at as f64 / (n - 1) as f64;
+            let (x, y) = (share(i % n_nodes[0], n_nodes[0]), share(i / n_nodes[0], n_nodes[1]));
+            self.terrain.height_at(west_m + x * width_m, north_m - y * depth_m).unwrap_or(mean_m)
+        };
+        let heights_m = (0..n_nodes[0] * n_nodes[1]).map(height_m).collect();
+        let mut picture = laid.picture;
+        if let Some(shown) = &laid.shown {
+            let hidden = picture.pixels_mut().zip(shown.pixels()).filter(|(_, shown)| shown[0] == 0);
+            hidden.for_each(|(pixel, _)| pixel.0 = NO_PHOTO);
+        }
+        // Of no finer pixels than the buildings have.
+        let longest = (width_m.max(depth_m) / texel_m).ceil() as u32;
+        if longest < picture.width().max(picture.height()) {
+            let share = f64::from(longest) / f64::from(picture.width().max(picture.height()));
+            let side = |n: u32| ((f64::from(n) * share) as u32).max(1);
+            picture = image::imageops::thumbnail(&picture, side(picture.width()), side(picture.height()));
+        }
+        Some(TexturedGround { picture, bounds_m: laid.bounds_m, n_nodes, heights_m, photos: laid.photos })
     }
 
     /// Textures from some of the photos.
@@ -162,7 +207,9 @@ pub(super) fn write(
 ) -> Result<TextureSummary, PipelineError> {
     let summary = TextureSummary::of(scene, textures);
     let folder = config.project.output.join(textured::FOLDER);
-    textured::write(&folder, model, &config.output.cityjson, &scene.city, textures, &summary)?;
+    let ground = scene.ground_picture(textures.texel_m);
+    let painted = PaintedCity { city: &scene.city, textures, ground: ground.as_ref() };
+    textured::write(&folder, model, &config.output.cityjson, &painted, &summary)?;
     Ok(summary)
 }
 

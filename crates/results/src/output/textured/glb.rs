@@ -9,10 +9,11 @@ use serde_json::{Value, json};
 use super::super::attributes;
 use super::super::facts::SolidFacts;
 use super::super::prism::{FaceKind, MIN_THICKNESS_M};
+use super::ground::GroundMesh;
 use super::super::tiles3d::glb::{Buffers, container, linear};
 use super::super::triangles;
 use super::super::{BuildingRecord, CityModel};
-use super::{CitySurfaces, SolidBuilding};
+use super::{CitySurfaces, SolidBuilding, TexturedGround};
 use sizeup_photos::textures::Textures;
 
 /// Numbers of the format (glTF 2.0, 5.1 and 5.11).
@@ -43,10 +44,19 @@ struct File {
 }
 
 /// The file of a city.
-pub(super) fn glb(model: &CityModel<'_>, city: &CitySurfaces, textures: &Textures) -> Vec<u8> {
+pub(super) fn glb(
+    model: &CityModel<'_>,
+    city: &CitySurfaces,
+    textures: &Textures,
+    ground: Option<&TexturedGround>,
+) -> Vec<u8> {
     let mut file = File::default();
     for building in &city.buildings {
         file.add(&model.records[building.record], building, city, textures);
+    }
+    let n_pages = textures.pages.len();
+    if let Some(ground) = ground {
+        file.add_ground(ground, city, n_pages + 1);
     }
     let root = file.nodes.len();
     let [east_m, north_m, up_m] = city.grid.origin_m;
@@ -63,15 +73,15 @@ pub(super) fn glb(model: &CityModel<'_>, city: &CitySurfaces, textures: &Texture
         file.nodes[0]["children"].take();
         file.nodes[0].as_object_mut().map(|node| node.remove("children"));
     }
-    let picture = |page: &sizeup_photos::textures::Page| {
-        json!({ "bufferView": file.buffers.view(&page.jpeg), "mimeType": "image/jpeg" })
-    };
-    let images: Vec<Value> = textures.pages.iter().map(picture).collect();
-    let n_pages = images.len();
-    let material = |page: usize| {
+    let mut picture = |jpeg: &[u8]| json!({ "bufferView": file.buffers.view(jpeg), "mimeType": "image/jpeg" });
+    let mut images: Vec<Value> = textures.pages.iter().map(|page| picture(&page.jpeg)).collect();
+    images.extend(ground.map(|ground| picture(&ground.jpeg())));
+    let n_images = images.len();
+    let material = |image: usize| {
+        let name = if image < n_pages { format!("atlas-{image}") } else { "ground".to_owned() };
         json!({
-            "name": format!("atlas-{page}"),
-            "pbrMetallicRoughness": { "baseColorTexture": { "index": page }, "metallicFactor": 0.0, "roughnessFactor": 1.0 },
+            "name": name,
+            "pbrMetallicRoughness": { "baseColorTexture": { "index": image }, "metallicFactor": 0.0, "roughnessFactor": 1.0 },
             "extensions": { UNLIT: {} },
         })
     };
@@ -84,7 +94,7 @@ pub(super) fn glb(model: &CityModel<'_>, city: &CitySurfaces, textures: &Texture
         "scene": 0,
         "scenes": [{ "nodes": [root] }],
         "nodes": file.nodes,
-        "materials": (0..n_pages).map(material).chain([plain]).collect::<Vec<Value>>(),
+        "materials": (0..n_pages).map(material).chain([plain]).chain((n_pages..n_images).map(material)).collect::<Vec<Value>>(),
     });
     let mut add = |name: &str, list: Vec<Value>| {
         // glTF forbids empty lists.
@@ -94,8 +104,8 @@ pub(super) fn glb(model: &CityModel<'_>, city: &CitySurfaces, textures: &Texture
     };
     // 9729, 9987: linear, from smaller copies; 33071: no repeat.
     let sampler = json!({ "magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071 });
-    add("samplers", if n_pages > 0 { vec![sampler] } else { Vec::new() });
-    add("textures", (0..n_pages).map(|page| json!({ "sampler": 0, "source": page })).collect());
+    add("samplers", if n_images > 0 { vec![sampler] } else { Vec::new() });
+    add("textures", (0..n_images).map(|image| json!({ "sampler": 0, "source": image })).collect());
     add("images", images);
     add("meshes", file.meshes);
     add("accessors", file.accessors);
@@ -150,13 +160,23 @@ impl File {
         self.nodes.push(node);
     }
 
+    /// Adds the node of the ground.
+    fn add_ground(&mut self, ground: &TexturedGround, city: &CitySurfaces, material: usize) {
+        let GroundMesh { positions, uv, indices } = ground.mesh(&city.grid);
+        let primitive = self.primitive(&Mesh { positions, uv, indices, ..Mesh::default() }, material);
+        self.nodes.push(json!({ "name": "ground", "mesh": self.meshes.len(), "extras": { "photos": ground.photos } }));
+        self.meshes.push(json!({ "name": "ground", "primitives": [primitive] }));
+    }
+
     fn primitive(&mut self, mesh: &Mesh, material: usize) -> Value {
         let position = self.vertices(&floats(&mesh.positions), "VEC3", FLOAT, mesh.positions.len());
         let of_axis = |axis: usize| mesh.positions.iter().map(move |p| p[axis]);
         self.accessors[position]["min"] = json!([0, 1, 2].map(|axis| of_axis(axis).fold(f32::INFINITY, f32::min)));
         self.accessors[position]["max"] = json!([0, 1, 2].map(|axis| of_axis(axis).fold(f32::NEG_INFINITY, f32::max)));
-        let normal = self.vertices(&floats(&mesh.normals), "VEC3", FLOAT, mesh.normals.len());
-        let mut attributes = json!({ "POSITION": position, "NORMAL": normal });
+        let mut attributes = json!({ "POSITION": position });
+        if !mesh.normals.is_empty() {
+            attributes["NORMAL"] = json!(self.vertices(&floats(&mesh.normals), "VEC3", FLOAT, mesh.normals.len()));
+        }
         if mesh.colours.is_empty() {
             attributes["TEXCOORD_0"] = json!(self.vertices(&floats(&mesh.uv), "VEC2", FLOAT, mesh.uv.len()));
         } else {

@@ -5,12 +5,13 @@
 //! | `city.city.json` | `CityJSON` 2.0 with an `appearance`: theme `photos` |
 //! | `appearance/atlas-N.jpg` | its pictures |
 //! | `textures.json` | which photos paint each building, and how much of it they show |
-//! | `city.glb` | binary glTF 2.0, one named node per building, pictures embedded ([`glb`]) |
+//! | `city.glb` | binary glTF 2.0, one named node per building and one for the ground, pictures embedded ([`glb`]) |
 //!
 //! The textures are those of the solids with roofs (LOD 2.0), or of the blocks (LOD 1.2) of a city without roofs. Faces that lower
 //! levels of detail share with them have the same texture there; their other faces have none.
 
 mod glb;
+mod ground;
 
 use std::collections::HashMap;
 use std::fs;
@@ -29,6 +30,7 @@ use super::roof_solid::{self, Detail};
 use super::tiles3d::folder;
 use super::{BuildingRecord, CityModel, OutputError, Overview};
 use sizeup_geo::files::{FileError, write_whole_unflushed};
+pub use ground::TexturedGround;
 use sizeup_photos::textures::{Surface, SurfaceKind, SurfaceTexture, Textures};
 
 /// Name of the textured city in the folder of the results.
@@ -89,6 +91,17 @@ fn surface(building: usize, record: &BuildingRecord, face: &GridFace, grid: &Out
     Surface { building, kind, rings, sigma_m: record.roof_sigma_m.or(record.height_sigma_m).unwrap_or(0.0) }
 }
 
+/// A city, its textures, and its ground where photos show it.
+#[derive(Clone, Copy)]
+pub struct PaintedCity<'a> {
+    /// Surfaces of the solids.
+    pub city: &'a CitySurfaces,
+    /// Their textures.
+    pub textures: &'a Textures,
+    /// The ground around them.
+    pub ground: Option<&'a TexturedGround>,
+}
+
 /// Writes the textured city into `folder`, whole or not at all; an earlier one is replaced.
 ///
 /// # Errors
@@ -97,10 +110,10 @@ pub fn write(
     folder: &Path,
     model: &CityModel<'_>,
     config: &CityJsonConfig,
-    city: &CitySurfaces,
-    textures: &Textures,
+    painted: &PaintedCity<'_>,
     summary: &impl Serialize,
 ) -> Result<(), OutputError> {
+    let PaintedCity { city, textures, ground } = *painted;
     folder::write_whole(folder, CITY, |new| {
         let pictures = new.join(PICTURES);
         fs::create_dir_all(&pictures).map_err(FileError::on("cannot write", &pictures))?;
@@ -109,7 +122,7 @@ pub fn write(
         }
         let painting = Painting::new(model.records, city, textures);
         cityjson::write_painted(&new.join(CITY), model, config, &painting)?;
-        let bytes = glb::glb(model, city, textures);
+        let bytes = glb::glb(model, city, textures, ground);
         write_whole_unflushed(&new.join(GLB), |out| out.write_all(&bytes))?;
         Ok(write_json(&new.join(SUMMARY), summary)?)
     })
