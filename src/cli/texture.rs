@@ -39,7 +39,8 @@ pub(super) fn run(args: &TextureArgs, global: &Global) -> Result<u8, Failure> {
         let hint = issue.hint.as_ref().map_or_else(String::new, |hint| format!("\n  hint: {hint}"));
         ui.say(format!("{}: {}{hint}", issue.subject.name(), issue.message));
     }
-    let share = |area: &TexturedArea| area.seen_share().map_or_else(|| "none".to_owned(), |s| format!("{:.0} %", 100.0 * s));
+    let share =
+        |area: &TexturedArea| area.seen_share().map_or_else(|| "none".to_owned(), |s| format!("{:.0} %", 100.0 * s));
     ui.say(format!(
         "{} in {}, texels of {:.2} m: {} of the roofs and {} of the walls from photos; {}",
         counted(summary.buildings.len(), "building"),

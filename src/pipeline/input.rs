@@ -12,8 +12,8 @@ use sizeup_footprints::{Footprint, attribute};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::GroundLevel;
 use sizeup_heights::scene::HeightBounds;
-use sizeup_results::output::fallback::FallbackSource;
 use sizeup_photos::textures::TEXELS_M;
+use sizeup_results::output::fallback::FallbackSource;
 use sizeup_survey::{Survey, ViewKind, Viewpoints};
 
 /// Code of the issue of footprints that are in no photo.

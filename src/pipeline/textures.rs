@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 
+use glam::DVec3;
 use serde::Serialize;
 
 use super::heights::moved;
@@ -17,7 +18,9 @@ use sizeup_geo::terrain::Terrain;
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::scene::LocalGround;
 use sizeup_heights::stats;
-use sizeup_photos::textures::{Choice, Surface, SurfaceKind, TextureTask, TexturedArea, Textures, bake};
+use sizeup_photos::textures::{
+    Choice, Surface, SurfaceKind, SurfaceScene, TextureTask, TexturedArea, Textures, bake, fill_unknown,
+};
 use sizeup_results::output::picture::photo_of;
 use sizeup_results::output::textured::{self, CitySurfaces, PaintedCity, TexturedGround};
 use sizeup_results::output::{BuildingRecord, CityModel, Lineage};
@@ -27,8 +30,8 @@ use sizeup_survey::{Survey, View};
 const GROUND_PX: u32 = 4096;
 /// Cells along the longer side of the ground's mesh, at most: 130,000 triangles.
 const MOST_CELLS: f64 = 256.0;
-/// Colour of ground that no photo shows.
-const NO_PHOTO: [u8; 3] = [200, 197, 184];
+/// Ground is looked at from so far above it, metres: between its nodes the mesh that rays meet is another one.
+const LIFT_M: f64 = 0.5;
 
 /// Everything that a run's city is textured from.
 pub struct TextureScene {
@@ -93,14 +96,20 @@ impl TextureScene {
 
     /// The ground with the nadir photos laid on it; `None` where none shows it.
     fn ground_picture(&self, texel_m: f64) -> Option<TexturedGround> {
-        let laid = backdrop::lay(&self.survey.views, &self.records, &self.terrain, GROUND_PX, backdrop::TOWN)?;
+        let scene = SurfaceScene::new(&self.surfaces, self.ground.clone(), self.origin);
+        let local = |place: DVec3| (place - self.origin.0).as_vec3();
+        let sees = |eye: DVec3, place: DVec3| scene.is_seen(local(eye), local(place + LIFT_M * DVec3::Z));
+        let size = (texel_m, GROUND_PX);
+        let laid = backdrop::lay_where_seen(&self.survey.views, &self.records, &self.terrain, size, &sees)?;
         let [west_m, south_m, east_m, north_m] = laid.bounds_m;
         let (width_m, depth_m) = (east_m - west_m, north_m - south_m);
         let levels: Vec<f64> = self.records.iter().filter_map(|record| record.ground_z_m).collect();
         let mean_m = stats::median(&levels).unwrap_or(0.0);
         let n = |length_m: f64| match &self.terrain {
             Terrain::Constant(_) => 2,
-            Terrain::Grid(dem) => (length_m / dem.cell_m().0.max(width_m.max(depth_m) / MOST_CELLS)).ceil() as usize + 1,
+            Terrain::Grid(dem) => {
+                (length_m / dem.cell_m().0.max(width_m.max(depth_m) / MOST_CELLS)).ceil() as usize + 1
+            }
         };
         let n_nodes = [n(width_m).max(2), n(depth_m).max(2)];
         let height_m = |i: usize| {
@@ -111,15 +120,7 @@ impl TextureScene {
         let heights_m = (0..n_nodes[0] * n_nodes[1]).map(height_m).collect();
         let mut picture = laid.picture;
         if let Some(shown) = &laid.shown {
-            let hidden = picture.pixels_mut().zip(shown.pixels()).filter(|(_, shown)| shown[0] == 0);
-            hidden.for_each(|(pixel, _)| pixel.0 = NO_PHOTO);
-        }
-        // Of no finer pixels than the buildings have.
-        let longest = (width_m.max(depth_m) / texel_m).ceil() as u32;
-        if longest < picture.width().max(picture.height()) {
-            let share = f64::from(longest) / f64::from(picture.width().max(picture.height()));
-            let side = |n: u32| ((f64::from(n) * share) as u32).max(1);
-            picture = image::imageops::thumbnail(&picture, side(picture.width()), side(picture.height()));
+            fill_unknown(&mut picture, shown.pixels().map(|pixel| pixel[0] > 0).collect());
         }
         Some(TexturedGround { picture, bounds_m: laid.bounds_m, n_nodes, heights_m, photos: laid.photos })
     }

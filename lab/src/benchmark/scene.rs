@@ -201,7 +201,7 @@ fn read_outcome(path: &Path, settings_sha256: &str) -> Option<Outcome> {
 }
 
 /// The folder of the scene. A finished one says with which settings it was made.
-fn simulated(job: &SceneJob, plan: &SuitePlan) -> Result<PathBuf, BenchmarkError> {
+pub(super) fn simulated(job: &SceneJob, plan: &SuitePlan) -> Result<PathBuf, BenchmarkError> {
     let folder = plan.folder.join("scenes").join(&job.name);
     let stamp = folder.join("settings.sha256");
     let sha256 =

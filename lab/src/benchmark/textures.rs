@@ -4,6 +4,7 @@
 //! the rendering. The plain method paints each surface with the photo of the greatest worth, whatever stands in front.
 
 use std::fmt::Write as _;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use image::{GenericImage as _, RgbImage};
@@ -11,16 +12,16 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::accuracy::word;
-use super::scene::user_seconds;
-use super::{BenchmarkError, SuitePlan, TellScenes};
+use super::scene::{simulated, user_seconds};
+use super::{BenchmarkError, SceneJob, SuitePlan, TellScenes};
 use sizeup::config::RunConfig;
 use sizeup::pipeline::{self, RunOptions, Stage, TextureScene, TextureSummary};
-use sizeup_geo::files::{write_json, write_whole};
+use sizeup_geo::files::{FileError, write_json, write_whole};
 use sizeup_heights::render::PlacedCamera;
 use sizeup_photos::textures::{Choice, SurfaceKind, SurfaceScene, TexturedTown, Textures, similarity};
 use sizeup_results::output::picture::{photo_of, write_png};
 use sizeup_survey::View;
-use sizeup_truth::simulate::{SimulateConfig, TownKind, simulate};
+use sizeup_truth::simulate::{SimulateConfig, TownKind};
 
 /// One photo of so many is left out.
 const LEFT_OUT_OF: usize = 5;
@@ -93,7 +94,7 @@ pub struct TextureRow {
     pub bytes: f64,
 }
 
-/// All rows.
+/// Figures of all scenes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TextureTable {
     /// Two per scene.
@@ -142,8 +143,11 @@ pub fn run(config: &TexturesConfig, plan: &SuitePlan, tell: TellScenes<'_>) -> R
     for (done, kind) in config.towns.iter().enumerate() {
         let name = word(kind);
         tell(done, total, &name);
-        let file = simulated(config, *kind, &plan.folder.join("scenes").join(&name), &name)?;
-        rows.extend(measure(config, &name, &file, plan)?);
+        let folder = simulated(&job(config, *kind, &name), plan)?;
+        rows.extend(measure(config, &name, &folder.join("sizeup.toml"), plan)?);
+        if !plan.keep_scenes {
+            fs::remove_dir_all(&folder).map_err(FileError::on("remove", &folder))?;
+        }
     }
     for (i, file) in config.real.iter().enumerate() {
         let stem = file.file_stem().map_or_else(|| format!("real-{i}"), |stem| stem.to_string_lossy().into_owned());
@@ -156,30 +160,47 @@ pub fn run(config: &TexturesConfig, plan: &SuitePlan, tell: TellScenes<'_>) -> R
     Ok(table)
 }
 
-/// The configuration of a simulated town with photos.
-fn simulated(config: &TexturesConfig, kind: TownKind, folder: &Path, name: &str) -> Result<PathBuf, BenchmarkError> {
+/// A simulated town with photos, on which nothing but textures is measured.
+fn job(config: &TexturesConfig, kind: TownKind, name: &str) -> SceneJob {
     let mut town = SimulateConfig { seed: config.seed, ..SimulateConfig::default() };
     (town.town.kind, town.town.n_buildings) = (kind, config.n_buildings);
     town.flight.n_views = Some(config.n_views);
     [town.camera.width_px, town.camera.height_px] = config.photo_px;
     town.images.enabled = true;
     town.prior.longest_px = config.photo_px[0] / 2;
-    let made = simulate(&town, folder, &|_, _| {});
-    made.map_err(|source| BenchmarkError::Simulate { scene: name.to_owned(), source })?;
-    Ok(folder.join("sizeup.toml"))
+    SceneJob {
+        name: name.to_owned(),
+        simulate: town,
+        variants: Vec::new(),
+        cameras: None,
+        assignments: Vec::new(),
+        paper_assignments: Vec::new(),
+        with_bodies: false,
+    }
 }
 
 /// Both methods on the result of a configuration.
-fn measure(config: &TexturesConfig, name: &str, file: &Path, plan: &SuitePlan) -> Result<Vec<TextureRow>, BenchmarkError> {
+fn measure(
+    config: &TexturesConfig,
+    name: &str,
+    file: &Path,
+    plan: &SuitePlan,
+) -> Result<Vec<TextureRow>, BenchmarkError> {
     let failed = |source| BenchmarkError::Run { scene: name.to_owned(), method: "robust", source };
-    let mut run = RunConfig::load(file, &[])
-        .map_err(|source| BenchmarkError::Config { scene: name.to_owned(), source })?;
+    let mut run =
+        RunConfig::load(file, &[]).map_err(|source| BenchmarkError::Config { scene: name.to_owned(), source })?;
     (run.output.pictures, run.output.report.page) = (false, false);
     run.project.output = plan.folder.join("results").join(name);
     let command = format!("sizeup-lab benchmark textures: {name}");
     let options = RunOptions { from: Stage::Survey, until: Stage::Output, command };
-    pipeline::run(&run, &options, &|_| {}).map_err(failed)?;
-    let scene = TextureScene::of_result(&run).map_err(failed)?;
+    let scene = match TextureScene::of_result(&run) {
+        // Of an earlier benchmark by this program, from the same input.
+        Ok(scene) => scene,
+        Err(_) => {
+            pipeline::run(&run, &options, &|_| {}).map_err(failed)?;
+            TextureScene::of_result(&run).map_err(failed)?
+        }
+    };
     let with_photo = scene.survey.views.iter().filter(|view| view.image.is_some());
     let is_left_out = |i: usize| i % LEFT_OUT_OF == LEFT_OUT_OF - 1;
     let (left_out, used): (Vec<_>, Vec<_>) = with_photo.cloned().enumerate().partition(|(i, _)| is_left_out(*i));

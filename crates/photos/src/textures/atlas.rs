@@ -24,9 +24,9 @@ const JPEG_QUALITY: u8 = 85;
 /// A picture of the atlas.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Page {
-    /// Columns.
+    /// Columns of the picture.
     pub width: u32,
-    /// Rows.
+    /// Rows of the picture.
     pub height: u32,
     /// The picture as JPEG.
     pub jpeg: Vec<u8>,
@@ -125,7 +125,8 @@ fn empty_page(side_px: u32) -> AtlasAllocator {
 /// Lays all painted surfaces out on pages.
 pub(super) fn pack(surfaces: &[Surface], charts: &[Option<Chart>], painted: &[Option<Painted>]) -> Atlas {
     let corners = corners(surfaces, painted);
-    let size_of = |i: usize| painted[i].as_ref().map_or(UVec2::ZERO, |p| UVec2::new(p.picture.width(), p.picture.height()));
+    let size_of =
+        |i: usize| painted[i].as_ref().map_or(UVec2::ZERO, |p| UVec2::new(p.picture.width(), p.picture.height()));
     let n_pages = corners.iter().flatten().map(|corner| corner.page + 1).max().unwrap_or(0);
     let page = |page: usize| {
         let on_page = || (0..surfaces.len()).filter_map(|i| corners[i].filter(|c| c.page == page).map(|c| (i, c.at)));
@@ -151,8 +152,7 @@ fn corners(surfaces: &[Surface], painted: &[Option<Painted>]) -> Vec<Option<Corn
     let size = |i: usize| painted[i].as_ref().map(|p| UVec2::new(p.picture.width(), p.picture.height()));
     let (mut shelf, mut first) = (Shelf::fitting((0..surfaces.len()).filter_map(size)), 0);
     for group in surfaces.chunk_by(|a, b| a.building == b.building) {
-        let mut sizes: Vec<(usize, UVec2)> =
-            (first..first + group.len()).filter_map(|i| Some((i, size(i)?))).collect();
+        let mut sizes: Vec<(usize, UVec2)> = (first..first + group.len()).filter_map(|i| Some((i, size(i)?))).collect();
         sizes.sort_by_key(|(i, size)| (std::cmp::Reverse(size.max_element()), *i));
         first += group.len();
         let together = shelf.place_all(&sizes).or_else(|| {

@@ -2,9 +2,9 @@
 
 use glam::{UVec2, Vec2, Vec3};
 
+use super::SurfaceKind;
 use super::atlas::MOST_SIDE_PX;
 use super::scene::{LIFT_M, SurfaceScene};
-use super::SurfaceKind;
 
 /// Texels around a surface, so that neither filtering nor the blocks of JPEG mix neighbours on a page.
 pub(super) const GUTTER_PX: u32 = 2;
@@ -58,24 +58,16 @@ impl Chart {
         let corner = Vec2::new(low.x - gutter_m, high.y + gutter_m);
         let cell_px = ((CELL_M / texel_m).round() as u32).max(LEAST_CELL_PX);
         let cells_size = UVec2::new(size.x.div_ceil(cell_px), size.y.div_ceil(cell_px));
-        let mut chart = Self {
-            texel_m: texel_m as f32,
-            size,
-            corner,
-            inside: Vec::new(),
-            cell_px,
-            cells_size,
-            cells: Vec::new(),
-        };
+        let mut chart =
+            Self { texel_m: texel_m as f32, size, corner, inside: Vec::new(), cell_px, cells_size, cells: Vec::new() };
         chart.inside = (0..size.x * size.y).map(|i| facet.contains(chart.place(i % size.x, i / size.x))).collect();
         let cell = |i: u32| {
             let of_cell = || chart.texels_of(i).filter(|(x, y)| chart.is_inside(*x, *y));
             let n_texels = of_cell().count() as u32;
             let at = of_cell().map(|(x, y)| chart.place(x, y)).sum::<Vec2>() / n_texels.max(1) as f32;
             let in_front = facet.point(at) + LIFT_M * facet.normal;
-            let is_party = n_texels > 0
-                && facet.kind == SurfaceKind::Wall
-                && scene.is_inside_neighbour(in_front, facet.building);
+            let is_party =
+                n_texels > 0 && facet.kind == SurfaceKind::Wall && scene.is_inside_neighbour(in_front, facet.building);
             Cell { at, n_texels, is_party }
         };
         chart.cells = (0..cells_size.x * cells_size.y).map(cell).collect();

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::views::Candidate;
 use super::{Choice, Surface};
 
-/// What a photo gains in worth where all surfaces beside one have it too, as a share.
+/// Gain in worth of a photo that all surfaces beside one have too, as a share.
 const SAME_PHOTO: f64 = 0.15;
 /// Rounds over the surfaces of a building; three change nothing more on almost all.
 const N_ROUNDS: usize = 4;
@@ -28,7 +28,8 @@ pub(super) fn photos(surfaces: &[Surface], candidates: &[Vec<Candidate>], choice
                     let same = beside[i].iter().filter(|(j, _)| photo_of(*j) == Some(candidate.view));
                     candidate.worth * (1.0 + SAME_PHOTO * same.map(|(_, m)| m).sum::<f64>() / length_m)
                 };
-                let best = (of_group[i].iter().enumerate()).max_by(|(k, a), (l, b)| worth(a).total_cmp(&worth(b)).then(l.cmp(k)));
+                let best = (of_group[i].iter().enumerate())
+                    .max_by(|(k, a), (l, b)| worth(a).total_cmp(&worth(b)).then(l.cmp(k)));
                 chosen[first + i] = best.map_or(0, |(k, _)| k);
             }
         }

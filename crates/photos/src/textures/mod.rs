@@ -50,6 +50,7 @@ use sizeup_survey::View;
 
 pub use atlas::Page;
 use chart::Chart;
+pub use paint::fill_unknown;
 pub use render::{Rendering, TexturedTown};
 pub use scene::SurfaceScene;
 
@@ -77,7 +78,7 @@ pub enum SurfaceKind {
     Ground,
     /// Level or sloping top.
     Roof,
-    /// Upright side.
+    /// Upright side of a building.
     Wall,
 }
 
@@ -135,7 +136,7 @@ pub struct SurfaceTexture {
     pub plain: [u8; 3],
     /// Areas of the surface by where its colours come from.
     pub areas: TexturedArea,
-    /// Its plane on the page.
+    /// Place of its plane on the page.
     place: Option<atlas::PagePlace>,
 }
 
@@ -231,7 +232,14 @@ pub fn bake(task: &TextureTask<'_>) -> Textures {
             let areas = charts[i].as_ref().map_or_else(TexturedArea::default, |c| paint::areas(c, painted[i].as_ref()));
             let photo = painted[i].as_ref().map(|painted| painted.photo);
             let place = atlas.places[i];
-            SurfaceTexture { page: place.map(|at| at.page), uv: atlas.uv(&scene, i), photo, plain: plain[i], areas, place }
+            SurfaceTexture {
+                page: place.map(|at| at.page),
+                uv: atlas.uv(&scene, i),
+                photo,
+                plain: plain[i],
+                areas,
+                place,
+            }
         })
         .collect();
     let mut issues = unread;
@@ -268,7 +276,8 @@ fn plain_colours(surfaces: &[Surface], painted: &[Option<paint::Painted>]) -> Ve
 /// A note on surfaces without a texture; a warning where that is all of them.
 fn without_photo(surfaces: &[Surface], textures: &[SurfaceTexture]) -> Option<Issue> {
     let outside = surfaces.iter().zip(textures).filter(|(surface, _)| surface.kind != SurfaceKind::Ground);
-    let open: Vec<&SurfaceTexture> = outside.map(|(_, t)| t).filter(|t| t.areas.plain_m2 > 0.0 || t.page.is_some()).collect();
+    let open: Vec<&SurfaceTexture> =
+        outside.map(|(_, t)| t).filter(|t| t.areas.plain_m2 > 0.0 || t.page.is_some()).collect();
     let n_plain = open.iter().filter(|texture| texture.page.is_none()).count();
     let severity = if n_plain == open.len() { Severity::Warning } else { Severity::Note };
     let message = format!("no photo shows {n_plain} of {} walls and roofs; they have a plain colour", open.len());

@@ -44,7 +44,8 @@ pub(super) struct Painted {
 
 /// Paints a surface; `None` where no photo shows a cell of it.
 pub(super) fn paint(chart: &Chart, palette: &Palette<'_>, choice: Choice) -> Option<Painted> {
-    let painters: Vec<Option<usize>> = (0..chart.cells.len()).map(|cell| painter(chart, palette, cell, choice)).collect();
+    let painters: Vec<Option<usize>> =
+        (0..chart.cells.len()).map(|cell| painter(chart, palette, cell, choice)).collect();
     let (mut picture, mut known) = (RgbImage::new(chart.size.x, chart.size.y), vec![false; chart.inside.len()]);
     let eave_px = palette.eave_m.filter(|_| choice == Choice::Agreeing).map_or(0, |eave_m| {
         let most = MOST_EAVE * (chart.size.y - 2 * super::chart::GUTTER_PX) as f32;
@@ -72,7 +73,7 @@ pub(super) fn paint(chart: &Chart, palette: &Palette<'_>, choice: Choice) -> Opt
     if n_seen == 0 {
         return None;
     }
-    spread(&mut picture, known);
+    fill_unknown(&mut picture, known);
     let most = (0..n_by.len()).max_by_key(|&k| (n_by[k], std::cmp::Reverse(k)))?;
     let mean = sum.map(|v| (v / f64::from(n_seen)) as f32);
     Some(Painted { picture, mean, photo: palette.candidates[most].view, n_seen, n_filled })
@@ -84,12 +85,18 @@ fn painter(chart: &Chart, palette: &Palette<'_>, cell: usize, choice: Choice) ->
         return None;
     }
     let candidates = palette.candidates;
-    let own_first = || std::iter::once(palette.first).chain((0..candidates.len()).filter(|&k| k != palette.first));
+    // The surface's own photo, then by what they are worth here.
+    let mut order: Vec<usize> = (0..candidates.len()).collect();
+    let worth = |k: &usize| candidates[*k].cell_worth[cell];
+    order.sort_by(|a, b| worth(b).total_cmp(&worth(a)).then(a.cmp(b)));
+    order.sort_by_key(|k| *k != palette.first);
+    let own_first = || order.iter().copied();
     let shows = |shown: Shown| own_first().filter(move |&k| candidates.get(k).is_some_and(|c| c.shown[cell] == shown));
     if choice == Choice::BestPerSurface {
         return own_first().next().filter(|&k| candidates.get(k).is_some_and(|c| c.shown[cell] != Shown::Hidden));
     }
-    let clear: Vec<(usize, [f32; 3])> = shows(Shown::Clear).filter_map(|k| Some((k, mean(palette, k, cell)?))).collect();
+    let clear: Vec<(usize, [f32; 3])> =
+        shows(Shown::Clear).filter_map(|k| Some((k, mean(palette, k, cell)?))).collect();
     if clear.len() < LEAST_PHOTOS {
         return clear.first().map(|(k, _)| *k).or_else(|| shows(Shown::Beside).next());
     }
@@ -158,7 +165,7 @@ fn colour(
 
 /// Gives texels without a colour one of those around: the picture is halved, means over known texels, until all of it is
 /// known; what is not known is then taken from the next coarser one.
-fn spread(picture: &mut RgbImage, known: Vec<bool>) {
+pub fn fill_unknown(picture: &mut RgbImage, known: Vec<bool>) {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     let mut levels = vec![(width, height, picture.pixels().map(|p| p.0.map(f32::from)).collect::<Vec<_>>(), known)];
     while let Some((width, height, colours, known)) = levels.last().filter(|level| level.3.iter().any(|known| !known)) {

@@ -4,14 +4,15 @@ use glam::DVec2;
 use image::{Rgb, RgbImage};
 use rayon::prelude::*;
 
+use super::Textures;
 use super::atlas::PagePlace;
 use super::scene::SurfaceScene;
 use super::warp::bilinear;
-use super::Textures;
 use sizeup_heights::render::PlacedCamera;
 
 /// Rays of a pixel, as offsets from its upper left corner in pixels.
-const RAYS: [DVec2; 4] = [DVec2::new(0.25, 0.25), DVec2::new(0.75, 0.25), DVec2::new(0.25, 0.75), DVec2::new(0.75, 0.75)];
+const RAYS: [DVec2; 4] =
+    [DVec2::new(0.25, 0.25), DVec2::new(0.75, 0.25), DVec2::new(0.25, 0.75), DVec2::new(0.75, 0.75)];
 
 /// A town with its textures, ready to be looked at.
 pub struct TexturedTown<'a> {
@@ -54,7 +55,8 @@ impl<'a> TexturedTown<'a> {
                 Some((surface, self.colour(surface, place)))
             });
             let surface = hits[0].map(|(surface, _)| surface).filter(|_| hits.iter().all(Option::is_some));
-            let colour = |c: usize| hits.iter().map(|hit| hit.map_or(behind[c], |(_, colour)| colour[c])).sum::<f32>() / 4.0;
+            let colour =
+                |c: usize| hits.iter().map(|hit| hit.map_or(behind[c], |(_, colour)| colour[c])).sum::<f32>() / 4.0;
             ([0, 1, 2].map(|c| (colour(c) + 0.5) as u8), surface)
         };
         let pixels: Vec<([u8; 3], Option<usize>)> = (0..width * height).into_par_iter().map(pixel).collect();

@@ -123,7 +123,8 @@ impl SurfaceScene {
     }
 
     /// Whether nothing stands between an eye and a point, both in the local frame.
-    pub(super) fn is_seen(&self, eye: Vec3, point: Vec3) -> bool {
+    #[must_use]
+    pub fn is_seen(&self, eye: Vec3, point: Vec3) -> bool {
         let ray = Ray::new(eye, point - eye);
         if self.ground.meets(&ray).is_some_and(|t| t < 1.0) {
             return false;

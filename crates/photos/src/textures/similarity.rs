@@ -25,7 +25,7 @@ pub struct Similarity {
     pub ssim: f64,
     /// Mean of the squared differences of all colours, 0 to 255².
     pub mean_square: f64,
-    /// Pixels compared.
+    /// Pixels that were compared.
     pub n_pixels: usize,
 }
 

@@ -1,6 +1,8 @@
 //! Photos that may paint a surface: what each shows of it, how finely, and from which side.
 
-use glam::{DVec2, DVec3};
+use std::collections::{BTreeMap, BTreeSet};
+
+use glam::{DVec2, DVec3, Vec2};
 use image::RgbImage;
 
 use super::chart::Chart;
@@ -10,12 +12,15 @@ use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::render::PlacedCamera;
 use sizeup_survey::View;
 
-/// Photos whose visibility is looked at for a surface, those of the greatest worth where nothing hides it.
-const MOST_LOOKED_AT: usize = 12;
-/// Photos of which a surface keeps the colours: enough for a median of those that do not show what stands in front.
-const MOST_KEPT: usize = 5;
-/// A photo of less worth than this share of the best one has no say.
-const LEAST_WORTH: f64 = 0.25;
+/// Distance between the places of a surface at which photos are compared, metres: a photo is nearly as good all over it.
+const SPACING_M: f32 = 10.0;
+/// Photos whose visibility is looked at for each of these places, the best where nothing hides it.
+const LOOKED_AT: usize = 6;
+/// Weight of a cell in the choice of a photo by how many of those chosen already show it: of three photos a median tells which is wrong,
+/// and two more stand in for those that something hides.
+const WEIGHTS: [f64; 5] = [1.0, 0.3, 0.3, 0.1, 0.1];
+/// A photo that adds a smaller share than this is not kept.
+const LEAST_GAIN: f64 = 0.02;
 /// Distance over which a surface's image is measured, metres.
 const STEP_M: f64 = 0.5;
 
@@ -25,7 +30,7 @@ pub(super) struct PlacedView {
     pub camera: PlacedCamera,
 }
 
-/// What a photo shows of a cell.
+/// Extent to which a photo shows a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Shown {
     /// Nothing, or what is in front.
@@ -42,11 +47,13 @@ pub(super) struct Candidate {
     pub view: usize,
     /// Worth of the photo for the surface: m² of full quality.
     pub worth: f64,
+    /// Worth at each cell, 0 to 1.
+    pub cell_worth: Vec<f32>,
     /// Pixels per texel, geometric mean of both directions.
     pub pixels_per_texel: f64,
     /// One per cell.
     pub shown: Vec<Shown>,
-    /// Its colours on the whole chart, and their means over cells; filled when the photo is decoded.
+    /// Colours on the whole chart, and their means over cells; filled when the photo is decoded.
     pub colours: Option<Colours>,
 }
 
@@ -80,14 +87,16 @@ pub(super) fn place(views: &[View], with_photo: &[usize], origin: LocalOrigin) -
 pub(super) fn pixel_m(scene: &SurfaceScene, views: &[PlacedView]) -> f64 {
     let roofs = scene.facets.iter().filter(|facet| facet.kind == SurfaceKind::Roof);
     let best = |point: DVec3| {
-        let seen = views.iter().filter(|view| view.camera.project(point).is_some_and(|p| view.camera.camera.contains(p)));
+        let seen =
+            views.iter().filter(|view| view.camera.project(point).is_some_and(|p| view.camera.camera.contains(p)));
         seen.map(|view| view.camera.pixel_m_at(point)).reduce(f64::min)
     };
     let sizes: Vec<f64> = roofs.filter_map(|facet| best(facet.origin.as_dvec3())).collect();
     median_or(&sizes, 0.0)
 }
 
-/// The photos that may paint a surface, the best first.
+/// The photos that may paint a surface: together they show as much of it as can be seen, most of it several times. The one that shows most
+/// is the first.
 pub(super) fn candidates(
     scene: &SurfaceScene,
     surface: usize,
@@ -95,46 +104,118 @@ pub(super) fn candidates(
     views: &[PlacedView],
     choice: Choice,
 ) -> Vec<Candidate> {
-    let facet = &scene.facets[surface];
-    let cells = || chart.cells.iter().filter(|cell| cell.n_texels > 0 && !cell.is_party);
-    let n_cells = cells().count();
-    if n_cells == 0 {
-        return Vec::new();
-    }
-    // Looked at where a cell in its middle is: the mean may be beside a surface of another form than a rectangle.
-    let mean = cells().map(|cell| cell.at).sum::<glam::Vec2>() / n_cells as f32;
-    let middle = cells().map(|cell| cell.at).min_by(|a, b| a.distance(mean).total_cmp(&b.distance(mean)));
-    let middle = facet.point(middle.unwrap_or(mean)).as_dvec3();
-    let quality = |view: &PlacedView| {
-        let footprint = footprint(&view.camera, middle, [facet.right, facet.up, facet.normal].map(glam::Vec3::as_dvec3))?;
-        let texel_m = f64::from(chart.texel_m);
-        let fineness = (footprint.scale[0] * texel_m).min(1.0);
-        let pixels_per_texel = (footprint.scale[0] * footprint.scale[1]).sqrt() * texel_m;
-        (footprint.facing > 0.0).then_some((fineness * footprint.facing, pixels_per_texel))
-    };
-    let mut facing: Vec<(f64, f64, &PlacedView)> =
-        views.iter().filter_map(|view| quality(view).map(|(worth, pixels)| (worth, pixels, view))).collect();
-    // The best first; ties by the order of the survey, so that threads do not matter.
-    facing.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.2.view.cmp(&b.2.view)));
-    facing.truncate(MOST_LOOKED_AT);
-    let of_view = |(quality, pixels_per_texel, view): (f64, f64, &PlacedView)| {
-        let shown = shown(scene, surface, chart, view, choice);
-        let texel_m2 = f64::from(chart.texel_m).powi(2);
-        let area_m2 = |(cell, shown): (&super::chart::Cell, &Shown)| match shown {
-            _ if cell.is_party => 0.0,
-            Shown::Hidden => 0.0,
-            Shown::Beside => 0.5 * f64::from(cell.n_texels) * texel_m2,
-            Shown::Clear => f64::from(cell.n_texels) * texel_m2,
+    let places = Places::of(chart);
+    let qualities: Vec<Vec<Option<Quality>>> = places
+        .at
+        .iter()
+        .map(|at| views.iter().map(|view| quality(scene, surface, chart, *at, view)).collect())
+        .collect();
+    let of_view = |view: usize| {
+        let shown = shown(scene, surface, chart, &views[view], choice);
+        let worth = |cell: usize| {
+            let of = qualities[places.of_cell[cell]][view].map_or(0.0, |quality| quality.worth);
+            let share = match shown[cell] {
+                Shown::Hidden => 0.0,
+                Shown::Beside => 0.5,
+                Shown::Clear => 1.0,
+            };
+            share * of
         };
-        let worth = quality * chart.cells.iter().zip(&shown).map(area_m2).sum::<f64>();
-        (worth > 0.0).then(|| Candidate { view: view.view, worth, pixels_per_texel, shown, colours: None })
+        let cell_worth: Vec<f32> = (0..shown.len()).map(|cell| worth(cell) as f32).collect();
+        let area_m2 = |cell: usize| f64::from(chart.cells[cell].n_texels) * f64::from(chart.texel_m).powi(2);
+        let worth = (0..shown.len()).map(|cell| f64::from(cell_worth[cell]) * area_m2(cell)).sum();
+        let pixels: Vec<f64> = qualities.iter().filter_map(|of| Some(of[view]?.pixels_per_texel)).collect();
+        let pixels_per_texel = median_or(&pixels, 1.0);
+        Candidate { view: views[view].view, worth, cell_worth, pixels_per_texel, shown, colours: None }
     };
-    let mut found: Vec<Candidate> = facing.into_iter().filter_map(of_view).collect();
-    found.sort_by(|a, b| b.worth.total_cmp(&a.worth).then(a.view.cmp(&b.view)));
-    let least = found.first().map_or(0.0, |best| LEAST_WORTH * best.worth);
-    found.retain(|candidate| candidate.worth >= least);
-    found.truncate(if choice == Choice::BestPerSurface { 1 } else { MOST_KEPT });
-    found
+    let found: Vec<Candidate> = best_of_each(&qualities).into_iter().map(of_view).filter(|c| c.worth > 0.0).collect();
+    if choice == Choice::BestPerSurface {
+        let best = found.into_iter().max_by(|a, b| a.worth.total_cmp(&b.worth).then(b.view.cmp(&a.view)));
+        return best.into_iter().collect();
+    }
+    covering(found, chart)
+}
+
+/// Places of a surface at which photos are compared.
+struct Places {
+    /// Cells that they are in the middle of.
+    at: Vec<usize>,
+    /// For each cell the position of its place.
+    of_cell: Vec<usize>,
+}
+
+impl Places {
+    fn of(chart: &Chart) -> Self {
+        let is_open = |cell: &usize| chart.cells[*cell].n_texels > 0 && !chart.cells[*cell].is_party;
+        let key = |cell: usize| (chart.cells[cell].at / SPACING_M).floor().to_array().map(|v| v as i32);
+        let mut groups: BTreeMap<[i32; 2], Vec<usize>> = BTreeMap::new();
+        (0..chart.cells.len()).filter(is_open).for_each(|cell| groups.entry(key(cell)).or_default().push(cell));
+        let (mut at, mut of_cell) = (Vec::new(), vec![0; chart.cells.len()]);
+        for cells in groups.into_values() {
+            let mean = cells.iter().map(|cell| chart.cells[*cell].at).sum::<Vec2>() / cells.len() as f32;
+            let off = |cell: &usize| chart.cells[*cell].at.distance(mean);
+            cells.iter().for_each(|cell| of_cell[*cell] = at.len());
+            at.extend(cells.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b)).then(a.cmp(b))));
+        }
+        Self { at, of_cell }
+    }
+}
+
+/// Views that are among the best at some place, in their order.
+fn best_of_each(qualities: &[Vec<Option<Quality>>]) -> BTreeSet<usize> {
+    let best = |of: &Vec<Option<Quality>>| {
+        let mut order: Vec<(f64, usize)> =
+            of.iter().enumerate().filter_map(|(view, quality)| Some(((*quality)?.worth, view))).collect();
+        order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        order.into_iter().take(LOOKED_AT).map(|(_, view)| view).collect::<Vec<usize>>()
+    };
+    qualities.iter().flat_map(best).collect()
+}
+
+/// Photos that together show most, the one that adds most first.
+fn covering(mut found: Vec<Candidate>, chart: &Chart) -> Vec<Candidate> {
+    let mut n_shown = vec![0_usize; chart.cells.len()];
+    let (mut kept, mut total): (Vec<Candidate>, f64) = (Vec::new(), 0.0);
+    loop {
+        let weight = |cell: usize| WEIGHTS.get(n_shown[cell]).copied().unwrap_or(0.0);
+        let gain = |candidate: &Candidate| {
+            let of = |cell: usize| {
+                weight(cell) * f64::from(candidate.cell_worth[cell]) * f64::from(chart.cells[cell].n_texels)
+            };
+            (0..n_shown.len()).map(of).sum::<f64>()
+        };
+        let gains = found.iter().map(gain).enumerate();
+        // Of equals the first in the survey.
+        let Some((best, gain)) = gains.max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))) else { break };
+        if gain <= LEAST_GAIN * total {
+            break;
+        }
+        total += gain;
+        let candidate = found.remove(best);
+        n_shown.iter_mut().zip(&candidate.shown).for_each(|(n, shown)| *n += usize::from(*shown == Shown::Clear));
+        kept.push(candidate);
+    }
+    kept
+}
+
+/// How good a photo is at a place of a surface, if nothing hides it.
+#[derive(Debug, Clone, Copy)]
+struct Quality {
+    worth: f64,
+    pixels_per_texel: f64,
+}
+
+fn quality(scene: &SurfaceScene, surface: usize, chart: &Chart, cell: usize, view: &PlacedView) -> Option<Quality> {
+    let facet = &scene.facets[surface];
+    let point = facet.point(chart.cells[cell].at).as_dvec3();
+    if !is_in_photo(view, point) {
+        return None;
+    }
+    let footprint = footprint(&view.camera, point, [facet.right, facet.up, facet.normal].map(glam::Vec3::as_dvec3))?;
+    let texel_m = f64::from(chart.texel_m);
+    let worth = (footprint.scale[0] * texel_m).min(1.0) * footprint.facing;
+    let pixels_per_texel = (footprint.scale[0] * footprint.scale[1]).sqrt() * texel_m;
+    (worth > 0.0).then_some(Quality { worth, pixels_per_texel })
 }
 
 /// The image of a surface around a point, by the steps along its axes; `None` where a photo does not show the point.
@@ -150,14 +231,8 @@ fn footprint(camera: &PlacedCamera, point: DVec3, [right, up, normal]: [DVec3; 3
     Some(Footprint { scale, facing })
 }
 
-/// What a photo shows of each cell.
-fn shown(
-    scene: &SurfaceScene,
-    surface: usize,
-    chart: &Chart,
-    view: &PlacedView,
-    choice: Choice,
-) -> Vec<Shown> {
+/// Returns how far a photo shows each cell.
+fn shown(scene: &SurfaceScene, surface: usize, chart: &Chart, view: &PlacedView, choice: Choice) -> Vec<Shown> {
     let eye = view.camera.eye().as_vec3();
     let is_seen = |cell: usize| {
         let of = &chart.cells[cell];

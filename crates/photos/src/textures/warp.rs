@@ -26,10 +26,10 @@ impl Pyramid {
         Self { levels }
     }
 
-    /// Colour at a share of width and height, bilinear.
+    /// Colour at a share of width and height, bicubic: bilinear values blur what is sampled at about its own size.
     fn colour(&self, level: usize, share: DVec2) -> [f32; 3] {
         let picture = &self.levels[level.min(self.levels.len() - 1)];
-        bilinear(picture, share.x * f64::from(picture.width()), share.y * f64::from(picture.height()))
+        bicubic(picture, share.x * f64::from(picture.width()), share.y * f64::from(picture.height()))
     }
 }
 
@@ -46,6 +46,27 @@ pub(super) fn bilinear(picture: &RgbImage, x: f64, y: f64) -> [f32; 3] {
         let (above, under) = (a[i] + (b[i] - a[i]) * fx, c[i] + (d[i] - c[i]) * fx);
         above + (under - above) * fy
     })
+}
+
+/// The same, by the cubic of Catmull and Rom through four pixels each way.
+fn bicubic(picture: &RgbImage, x: f64, y: f64) -> [f32; 3] {
+    let weights = |t: f32| {
+        let (t2, t3) = (t * t, t * t * t);
+        [-0.5 * t + t2 - 0.5 * t3, 1.0 - 2.5 * t2 + 1.5 * t3, 0.5 * t + 2.0 * t2 - 1.5 * t3, -0.5 * t2 + 0.5 * t3]
+    };
+    let (x, y) = (x - 0.5, y - 0.5);
+    let (col, row) = (x.floor(), y.floor());
+    let (across, down) = (weights((x - col) as f32), weights((y - row) as f32));
+    let clamped = |v: f64, n: u32| v.clamp(0.0, f64::from(n - 1)) as u32;
+    let mut sum = [0.0; 3];
+    for (j, wy) in down.iter().enumerate() {
+        let v = clamped(row + j as f64 - 1.0, picture.height());
+        for (i, wx) in across.iter().enumerate() {
+            let pixel = picture.get_pixel(clamped(col + i as f64 - 1.0, picture.width()), v);
+            sum.iter_mut().zip(pixel.0).for_each(|(sum, value)| *sum += wx * wy * f32::from(value));
+        }
+    }
+    sum.map(|v: f32| v.clamp(0.0, 255.0))
 }
 
 /// A picture at half its size; `None` for one of a single row or column.
@@ -88,8 +109,15 @@ pub(super) fn fill(
             }
             Err(reason) => {
                 let subject = Subject::View(task.views[view].id.0.clone());
-                let issue = Issue::new(Severity::Warning, "photo_unreadable", subject, format!("no texture comes from it: {reason}"));
-                issues.push(issue.hint("put the photo back, or save it again; other photos paint its surfaces meanwhile"));
+                let issue = Issue::new(
+                    Severity::Warning,
+                    "photo_unreadable",
+                    subject,
+                    format!("no texture comes from it: {reason}"),
+                );
+                issues.push(
+                    issue.hint("put the photo back, or save it again; other photos paint its surfaces meanwhile"),
+                );
             }
         }
     }

@@ -9,10 +9,10 @@ use serde_json::{Value, json};
 use super::super::attributes;
 use super::super::facts::SolidFacts;
 use super::super::prism::{FaceKind, MIN_THICKNESS_M};
-use super::ground::GroundMesh;
 use super::super::tiles3d::glb::{Buffers, container, linear};
 use super::super::triangles;
 use super::super::{BuildingRecord, CityModel};
+use super::ground::GroundMesh;
 use super::{CitySurfaces, SolidBuilding, TexturedGround};
 use sizeup_photos::textures::Textures;
 

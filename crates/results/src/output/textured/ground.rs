@@ -64,7 +64,9 @@ impl TexturedGround {
     /// Never: memory takes every byte, and pages are smaller than the format's limit.
     pub(super) fn jpeg(&self) -> Vec<u8> {
         let mut bytes = Vec::new();
-        JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY).encode_image(&self.picture).expect("a picture is a JPEG");
+        JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY)
+            .encode_image(&self.picture)
+            .expect("a picture is a JPEG");
         bytes
     }
 }

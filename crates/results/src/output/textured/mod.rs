@@ -29,8 +29,8 @@ use super::reports::write_json;
 use super::roof_solid::{self, Detail};
 use super::tiles3d::folder;
 use super::{BuildingRecord, CityModel, OutputError, Overview};
-use sizeup_geo::files::{FileError, write_whole_unflushed};
 pub use ground::TexturedGround;
+use sizeup_geo::files::{FileError, write_whole_unflushed};
 use sizeup_photos::textures::{Surface, SurfaceKind, SurfaceTexture, Textures};
 
 /// Name of the textured city in the folder of the results.
@@ -96,7 +96,7 @@ fn surface(building: usize, record: &BuildingRecord, face: &GridFace, grid: &Out
 pub struct PaintedCity<'a> {
     /// Surfaces of the solids.
     pub city: &'a CitySurfaces,
-    /// Their textures.
+    /// Textures of these surfaces.
     pub textures: &'a Textures,
     /// The ground around them.
     pub ground: Option<&'a TexturedGround>,
@@ -173,8 +173,11 @@ impl<'a> Painting<'a> {
         let corners = self.textures.surfaces.iter().flat_map(|texture| texture.uv.iter().flatten());
         let corners = corners.map(|at| json!([rounded(at.x), rounded(1.0 - at.y)]));
         let colour = |c: &[u8; 3]| json!(c.map(|v| rounded(f64::from(v) / 255.0)));
-        let materials =
-            self.colours.iter().enumerate().map(|(i, c)| json!({ "name": format!("plain {i}"), "diffuseColor": colour(c) }));
+        let materials = self
+            .colours
+            .iter()
+            .enumerate()
+            .map(|(i, c)| json!({ "name": format!("plain {i}"), "diffuseColor": colour(c) }));
         json!({
             "default-theme-texture": THEME,
             "default-theme-material": THEME,
