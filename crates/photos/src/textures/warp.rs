@@ -144,9 +144,18 @@ fn colours(
         let chart = charts[surface].as_ref().ok_or("a surface without a chart")?;
         let (facet, level) = (&scene.facets[surface], level_of((surface, k)));
         let mut picture = RgbImage::new(chart.size.x, chart.size.y);
-        for (x, y, pixel) in picture.enumerate_pixels_mut() {
-            let seen = camera.project(facet.point(chart.place(x, y)).as_dvec3());
-            *pixel = Rgb(seen.map_or([0; 3], |at| pyramid.colour(level, at / size).map(|v| (v + 0.5) as u8)));
+        let shown = &candidates[surface][k].shown;
+        // Colours run half a cell into those beside it, corners too.
+        let is_wanted = |cell: usize| {
+            let is_shown = |at: usize| shown[at] != Shown::Hidden;
+            is_shown(cell) || chart.beside(cell).any(|near| is_shown(near) || chart.beside(near).any(is_shown))
+        };
+        for cell in (0..chart.cells.len()).filter(|cell| chart.cells[*cell].n_texels > 0 && is_wanted(*cell)) {
+            for (x, y) in chart.texels_of(cell as u32) {
+                let seen = camera.project(facet.point(chart.place(x, y)).as_dvec3());
+                let colour = seen.map_or([0.0; 3], |at| pyramid.colour(level, at / size));
+                picture.put_pixel(x, y, Rgb(colour.map(|v| (v + 0.5) as u8)));
+            }
         }
         let means = (0..chart.cells.len() as u32).map(|cell| mean_of_cell(chart, &picture, cell)).collect();
         Ok(Colours { picture, means })
