@@ -97,19 +97,6 @@ pub(super) fn lay_where_seen(
     sheet.lay(&chosen, Some(sight))
 }
 
-impl BackdropSheet<'_> {
-    fn lay(&self, chosen: &[&View], sight: Option<Sight<'_>>) -> Option<Backdrop> {
-        let sheet = self;
-        let mut photos: Vec<Photo<'_>> = Vec::new();
-        for some in chosen.chunks(PHOTOS_AT_A_TIME) {
-            photos.par_extend(some.par_iter().filter_map(|view| Photo::read(view, &sheet)));
-        }
-        // Photos come in the order of the survey, whoever was read first.
-        photos.sort_by(|a, b| a.view.id.cmp(&b.view.id));
-        sheet.draw(&photos, sight)
-    }
-}
-
 /// Place of the picture on the map.
 struct BackdropSheet<'a> {
     terrain: &'a Terrain,
@@ -153,6 +140,17 @@ impl<'a> BackdropSheet<'a> {
         let step = self.size_px[0].max(self.size_px[1]).div_ceil(n as u32).max(1) as usize;
         let [columns, rows] = self.size_px.map(|n| (step as u32 / 2..n).step_by(step));
         rows.flat_map(|y| columns.clone().map(move |x| (x, y))).map(|(x, y)| self.place(x, y)).collect()
+    }
+
+    /// Reads some photos and lays them there.
+    fn lay(&self, chosen: &[&View], sight: Option<Sight<'_>>) -> Option<Backdrop> {
+        let mut photos: Vec<Photo<'_>> = Vec::new();
+        for some in chosen.chunks(PHOTOS_AT_A_TIME) {
+            photos.par_extend(some.par_iter().filter_map(|view| Photo::read(view, self)));
+        }
+        // Photos come in the order of the survey, whoever was read first.
+        photos.sort_by(|a, b| a.view.id.cmp(&b.view.id));
+        self.draw(&photos, sight)
     }
 
     /// The same with no finer pixels than these, metres.

@@ -15,7 +15,7 @@ use super::input::{check_fallback, check_settings, check_views, height_bounds, u
 use super::kept::PriorStore;
 use super::parts::split_footprints;
 use super::records::records;
-use super::textures::{self, TextureScene};
+use super::textures;
 use super::worst::worst;
 use super::{City, Event, FootprintStage, HeightStage, PipelineError, RunOptions, RunSummary, Solver, Stage, Tell};
 use super::{artefact, footprints, ground_told, pictures, poses, report, soundness};
@@ -30,7 +30,6 @@ use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::optimise::{DisagreeingView, LevelOff, PriorShape, Solution};
 use sizeup_heights::scene::Scene;
 use sizeup_photos::prior::Priors;
-use sizeup_photos::textures::Choice;
 use sizeup_results::output::plausible::CityDoubts;
 use sizeup_results::output::reports::write_issues;
 use sizeup_results::output::reviews::Reviews;
@@ -155,15 +154,8 @@ fn run_marked(
     issues.extend(reviews.unmatched(records.as_slice())?);
     issues.extend(cityjson::check(&records)?);
     let moved_survey = moved(&survey, heights.moved_m()).into_owned();
-    let painted = match &config.output.textures {
-        settings if settings.enabled => {
-            let scene = TextureScene::new(config, &records, &moved_survey, &stage)?;
-            let textures = scene.bake(&moved_survey.views, settings.texel_m, Choice::Agreeing);
-            issues.extend(textures.issues.iter().cloned());
-            Some((scene, textures))
-        }
-        _ => None,
-    };
+    let painted = textures::of_run(config, &records, &moved_survey, &stage)?;
+    issues.extend(painted.iter().flat_map(|(_, textures)| textures.issues.iter().cloned()));
     sum_up(&mut summary, &records, &mut issues);
     let priors = priors.map_or_else(|| PriorStore::open(config, &survey, &stage), Ok)?;
     let survey = moved_survey;

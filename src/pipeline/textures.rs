@@ -199,6 +199,22 @@ impl TextureSummary {
     }
 }
 
+/// Textures of a run's city, where they are asked for.
+pub(super) fn of_run(
+    config: &RunConfig,
+    records: &[BuildingRecord],
+    survey: &Survey,
+    stage: &SceneStage,
+) -> Result<Option<(TextureScene, Textures)>, PipelineError> {
+    let settings = &config.output.textures;
+    if !settings.enabled {
+        return Ok(None);
+    }
+    let scene = TextureScene::new(config, records, survey, stage)?;
+    let textures = scene.bake(&survey.views, settings.texel_m, Choice::Agreeing);
+    Ok(Some((scene, textures)))
+}
+
 /// Writes the textured city beside the results.
 pub(super) fn write(
     config: &RunConfig,

@@ -132,11 +132,14 @@ fn picture_name(page: usize) -> String {
     format!("{PICTURES}/atlas-{page}.jpg")
 }
 
+/// Positions of surfaces by the rings of their faces.
+type SurfaceByRings<'a> = HashMap<&'a [Vec<[i64; 3]>], usize>;
+
 /// Textures as `CityJSON` refers to them.
 pub(in crate::output) struct Painting<'a> {
     textures: &'a Textures,
     /// Surfaces of each building, by its id and the rings of the face.
-    surface_of: HashMap<&'a str, HashMap<&'a [Vec<[i64; 3]>], usize>>,
+    surface_of: HashMap<&'a str, SurfaceByRings<'a>>,
     /// Position of each surface's first corner among those of all textures.
     first_corner: Vec<usize>,
     colours: IndexSet<[u8; 3]>,
