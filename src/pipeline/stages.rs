@@ -170,9 +170,7 @@ fn run_marked(
     // From here on results of another run may be replaced, one after the other.
     mark.replace()?;
     write_results(config, &model, &summary)?;
-    if let Some((scene, textures)) = &painted {
-        textures::write(config, &model, scene, textures)?;
-    }
+    textures::write_or_remove(config, &model, painted.as_ref())?;
     if config.output.pictures {
         pictures::write(&config.project.output, &model, &stage, &heights, &priors)?;
     }

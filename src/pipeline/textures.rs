@@ -215,8 +215,20 @@ pub(super) fn of_run(
     Ok(Some((scene, textures)))
 }
 
+/// Writes the textured city beside the results, or removes that of an earlier run.
+pub(super) fn write_or_remove(
+    config: &RunConfig,
+    model: &CityModel<'_>,
+    painted: Option<&(TextureScene, Textures)>,
+) -> Result<(), PipelineError> {
+    match painted {
+        Some((scene, textures)) => write(config, model, scene, textures).map(drop),
+        None => Ok(textured::remove(&config.project.output.join(textured::FOLDER))?),
+    }
+}
+
 /// Writes the textured city beside the results.
-pub(super) fn write(
+fn write(
     config: &RunConfig,
     model: &CityModel<'_>,
     scene: &TextureScene,

@@ -387,6 +387,10 @@ fn a_finished_result_is_textured_afterwards_as_within_the_run() {
     assert_eq!(std::fs::read(scene.path("result/textured/city.city.json")).unwrap(), within);
     let coarse = scene.sizeup(&["texture", "result", "--set", "output.textures.texel_m=0"]);
     assert!(coarse.code == 2 && coarse.stderr.contains("`texel_m` is 0: expected 0.01 to 10 m"), "{}", coarse.stderr);
+    // Results that are written without textures do not keep those of an earlier run.
+    let again = scene.run(&["--from", "output"]);
+    assert!(again.code == 0 || again.code == 5, "{}", again.stderr);
+    assert!(!scene.path("result/textured").exists());
     let nowhere = scene.sizeup(&["texture", "elsewhere"]);
     assert!(nowhere.code == 2 && nowhere.stderr.contains("elsewhere/config.toml"), "{}", nowhere.stderr);
 }

@@ -128,6 +128,17 @@ pub fn write(
     })
 }
 
+/// Removes a textured city that an earlier run left in `folder`: it does not belong to the results that are written now.
+///
+/// # Errors
+/// [`OutputError::File`] where it cannot be removed.
+pub fn remove(folder: &Path) -> Result<(), OutputError> {
+    if folder.join(CITY).is_file() && folder.join(SUMMARY).is_file() {
+        fs::remove_dir_all(folder).map_err(FileError::on("cannot remove", folder))?;
+    }
+    Ok(())
+}
+
 fn picture_name(page: usize) -> String {
     format!("{PICTURES}/atlas-{page}.jpg")
 }
