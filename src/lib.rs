@@ -37,7 +37,7 @@ pub use sizeup_footprints as footprint;
 pub use sizeup_geo::{cloud, crs, files, geodata, hashes, issue, limits, paths, template, terrain, unfinished};
 pub use sizeup_heights as heights;
 pub use sizeup_heights::{camera, frames, ids, optimise, ordinal, raster, ray, render, scene, seed, stats, views};
-pub use sizeup_photos::{dtm, onnx, prior, vegetation};
+pub use sizeup_photos::{dtm, onnx, prior, textures, vegetation};
 pub use sizeup_results::{changes, output, report};
 pub use sizeup_survey as survey;
 pub use sizeup_truth::{evaluate, simulate};

@@ -22,6 +22,7 @@ mod progress;
 mod run;
 mod schema;
 mod survey;
+mod texture;
 mod tiles;
 mod ui;
 mod validate;
@@ -117,6 +118,8 @@ pub enum Command {
     Evaluate(evaluate::EvaluateArgs),
     /// Tell what changed between two results: new, gone, raised, lowered, footprint changed, same.
     Changes(changes::ChangesArgs),
+    /// Paint a finished result with its photos: CityJSON with textures, and one glTF file that opens anywhere.
+    Texture(texture::TextureArgs),
     /// Picture one view of a finished run: photo, rendered depth, prior and ordinal pairs.
     Look(look::LookArgs),
     /// Show a result in the browser, streaming its tiles: for cities too large for one page.
@@ -246,6 +249,7 @@ fn dispatch(cli: &Cli) -> Result<u8, Failure> {
         Command::Export(args) => export::run(args, &cli.global),
         Command::Evaluate(args) => evaluate::run(args, &cli.global),
         Command::Changes(args) => changes::run(args, &cli.global),
+        Command::Texture(args) => texture::run(args, &cli.global),
         Command::Look(args) => look::run(args, &cli.global),
         Command::View(args) => view::run(args, &cli.global),
         Command::Doctor(args) => doctor::run(args, &cli.global),

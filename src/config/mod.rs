@@ -27,6 +27,7 @@ use sizeup_heights::scene::HeightsConfig;
 use sizeup_photos::align::AlignConfig;
 use sizeup_photos::dtm::DtmConfig;
 use sizeup_photos::prior::PriorConfig;
+use sizeup_photos::textures::TextureConfig;
 use sizeup_results::output::cityjson::CityJsonConfig;
 use sizeup_results::output::fallback::FallbackConfig;
 use sizeup_results::output::geopackage::GeoPackageConfig;
@@ -166,6 +167,8 @@ pub struct OutputConfig {
     pub geopackage: GeoPackageConfig,
     /// Settings of the report.
     pub report: ReportConfig,
+    /// The city with textures from its photos.
+    pub textures: TextureConfig,
 }
 
 /// Where a footprint stands in the results that is known to be off.
@@ -188,6 +191,7 @@ impl Default for OutputConfig {
             cityjson: CityJsonConfig::default(),
             geopackage: GeoPackageConfig::default(),
             report: ReportConfig::default(),
+            textures: TextureConfig::default(),
         }
     }
 }

@@ -40,6 +40,12 @@ pub(super) const TOWN: Effort = Effort { most_photos: 16, n_places: 48, least_ga
 /// For a city of tiles, of which a photo shows little: a minute of two cores at most.
 pub(super) const CITY: Effort = Effort { most_photos: 256, n_places: 128, least_gain: 0.001 };
 
+/// Whether nothing stands between an eye and a place, both in the map frame.
+pub(super) type Sight<'a> = &'a (dyn Fn(DVec3, DVec3) -> bool + Sync);
+
+/// Side of the blocks of pixels that one photo shows, where it is asked what it sees: a ray for each pixel would take most of the time.
+const BLOCK_PX: u32 = 4;
+
 /// Ground shown around the footprints, share of their longer side, and at least, metres.
 const MARGIN_SHARE: f64 = 0.04;
 const LEAST_MARGIN_M: f64 = 15.0;
@@ -48,9 +54,13 @@ const LEAST_PX_M: f64 = 0.05;
 
 /// The views whose photos may be laid there.
 pub(super) fn at_hand(views: &[View]) -> impl Iterator<Item = &View> {
+    at_hand_of(views, ViewKind::Nadir)
+}
+
+fn at_hand_of(views: &[View], kind: ViewKind) -> impl Iterator<Item = &View> {
     let is_there = |path: &Path| is_virtual(path) || path.is_file();
-    let nadir = views.iter().filter(|view| view.kind() == ViewKind::Nadir);
-    nadir.filter(move |view| view.image.as_deref().is_some_and(is_there))
+    let of_kind = views.iter().filter(move |view| view.kind() == kind);
+    of_kind.filter(move |view| view.image.as_deref().is_some_and(is_there))
 }
 
 /// Lays photos under the footprints, the longer side of the picture at most `longest_px`; `None` where no nadir photo is at
@@ -64,14 +74,27 @@ pub(super) fn lay(
 ) -> Option<Backdrop> {
     let sheet = BackdropSheet::around(records, terrain, longest_px)?;
     let at_hand: Vec<&View> = at_hand(views).collect();
-    let chosen = choose(&at_hand, &sheet, effort);
-    let mut photos: Vec<Photo<'_>> = Vec::new();
-    for some in chosen.chunks(PHOTOS_AT_A_TIME) {
-        photos.par_extend(some.par_iter().filter_map(|view| Photo::read(view, &sheet)));
+    let chosen = choose(&at_hand, &sheet, effort, &mut sheet.nowhere(effort));
+    sheet.lay(&chosen, None)
+}
+
+/// Lays photos there with pixels of this size, metres, only where buildings do not hide the ground from them: nadir photos, and
+/// oblique ones where those do not reach. `None` where no photo at hand shows any of it.
+pub(super) fn lay_where_seen(
+    views: &[View],
+    records: &[BuildingRecord],
+    terrain: &Terrain,
+    (px_m, most_px): (f64, u32),
+    sight: Sight<'_>,
+) -> Option<Backdrop> {
+    let sheet = BackdropSheet::around(records, terrain, most_px)?.coarsened(px_m);
+    let mut is_covered = sheet.nowhere(TOWN);
+    let mut chosen: Vec<&View> = Vec::new();
+    for kind in [ViewKind::Nadir, ViewKind::Oblique] {
+        let at_hand: Vec<&View> = at_hand_of(views, kind).collect();
+        chosen.extend(choose(&at_hand, &sheet, TOWN, &mut is_covered));
     }
-    // Photos come in the order of the survey, whoever was read first.
-    photos.sort_by(|a, b| a.view.id.cmp(&b.view.id));
-    sheet.draw(&photos)
+    sheet.lay(&chosen, Some(sight))
 }
 
 /// Place of the picture on the map.
@@ -119,9 +142,55 @@ impl<'a> BackdropSheet<'a> {
         rows.flat_map(|y| columns.clone().map(move |x| (x, y))).map(|(x, y)| self.place(x, y)).collect()
     }
 
-    fn draw(&self, photos: &[Photo<'_>]) -> Option<Backdrop> {
+    /// Reads some photos and lays them there.
+    fn lay(&self, chosen: &[&View], sight: Option<Sight<'_>>) -> Option<Backdrop> {
+        let mut photos: Vec<Photo<'_>> = Vec::new();
+        for some in chosen.chunks(PHOTOS_AT_A_TIME) {
+            photos.par_extend(some.par_iter().filter_map(|view| Photo::read(view, self)));
+        }
+        // Photos come in the order of the survey, whoever was read first.
+        photos.sort_by(|a, b| a.view.id.cmp(&b.view.id));
+        self.draw(&photos, sight)
+    }
+
+    /// The same with no finer pixels than these, metres.
+    fn coarsened(self, px_m: f64) -> Self {
+        let share = (self.px_m / px_m).min(1.0);
+        let size_px = self.size_px.map(|n| ((f64::from(n) * share).round() as u32).max(1));
+        Self { px_m: self.px_m / share, size_px, ..self }
+    }
+
+    /// For each place that is counted whether a photo shows it: none does.
+    fn nowhere(&self, effort: Effort) -> Vec<bool> {
+        vec![false; self.places(effort.n_places).len()]
+    }
+
+    /// Position of the photo for each block of pixels, row by row: of those that see its middle the one closest to above it.
+    fn photos_of_blocks(&self, photos: &[Photo<'_>], sight: Sight<'_>) -> Vec<Option<usize>> {
+        let [columns, rows] = self.size_px.map(|n| n.div_ceil(BLOCK_PX));
+        let of_block = |i: u32| {
+            let place = self.place(i % columns * BLOCK_PX + BLOCK_PX / 2, i / columns * BLOCK_PX + BLOCK_PX / 2);
+            let aside = |k: &usize| (photos[*k].view.centre() - place).truncate().length_squared();
+            let mut showing: Vec<usize> =
+                (0..photos.len()).filter(|k| photos[*k].view.pixel_of(place).is_some()).collect();
+            showing.sort_by(|a, b| aside(a).total_cmp(&aside(b)));
+            showing.into_iter().find(|k| sight(photos[*k].view.centre(), place))
+        };
+        (0..columns * rows).into_par_iter().map(of_block).collect()
+    }
+
+    fn draw(&self, photos: &[Photo<'_>], sight: Option<Sight<'_>>) -> Option<Backdrop> {
         let [width, height] = self.size_px;
-        let row = |y: u32| -> Vec<Option<[u8; 3]>> { (0..width).map(|x| colour(photos, self.place(x, y))).collect() };
+        let of_blocks = sight.map(|sight| self.photos_of_blocks(photos, sight));
+        let at = |x: u32, y: u32| match &of_blocks {
+            None => colour(photos, self.place(x, y)),
+            Some(of_blocks) => {
+                let block = y / BLOCK_PX * width.div_ceil(BLOCK_PX) + x / BLOCK_PX;
+                let photo = &photos[of_blocks[block as usize]?];
+                photo.view.pixel_of(self.place(x, y)).map(|pixel| photo.colour(pixel))
+            }
+        };
+        let row = |y: u32| -> Vec<Option<[u8; 3]>> { (0..width).map(|x| at(x, y)).collect() };
         let rows: Vec<Vec<Option<[u8; 3]>>> = (0..height).into_par_iter().map(row).collect();
         let at = |x: u32, y: u32| rows[y as usize][x as usize];
         let picture = RgbImage::from_fn(width, height, |x, y| Rgb(at(x, y).unwrap_or([0; 3])));
@@ -139,14 +208,13 @@ impl<'a> BackdropSheet<'a> {
 }
 
 /// The views that together see most, the one that sees most first.
-fn choose<'a>(views: &[&'a View], sheet: &BackdropSheet<'_>, effort: Effort) -> Vec<&'a View> {
+fn choose<'a>(views: &[&'a View], sheet: &BackdropSheet<'_>, effort: Effort, is_covered: &mut [bool]) -> Vec<&'a View> {
     let places = sheet.places(effort.n_places);
     let seen_by = |view: &&View| -> Vec<usize> {
         (0..places.len()).filter(|&place| view.pixel_of(places[place]).is_some()).collect()
     };
     let sees: Vec<Vec<usize>> = views.par_iter().map(seen_by).collect();
     let least = (effort.least_gain * places.len() as f64).max(1.0);
-    let mut is_covered = vec![false; places.len()];
     let mut chosen: Vec<usize> = Vec::new();
     while chosen.len() < effort.most_photos {
         let gain = |v: &usize| sees[*v].iter().filter(|place| !is_covered[**place]).count();

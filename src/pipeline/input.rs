@@ -12,6 +12,7 @@ use sizeup_footprints::{Footprint, attribute};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::GroundLevel;
 use sizeup_heights::scene::{HeightBounds, HeightsConfig};
+use sizeup_photos::textures::TEXELS_M;
 use sizeup_results::output::fallback::{FallbackConfig, FallbackSource};
 use sizeup_survey::{Survey, ViewKind, Viewpoints};
 
@@ -167,6 +168,13 @@ pub(super) fn check_settings(output: &OutputSettings<'_>, heights: &HeightSettin
             table: "output.fallback",
             message: fault.to_owned(),
             hint: "source is none, attribute (with attribute = \"storeys\", metres_per_unit = 3.0) or neighbourhood",
+        });
+    }
+    if let Some(texel_m) = output.config.textures.texel_m.filter(|texel_m| !TEXELS_M.contains(texel_m)) {
+        return Err(PipelineError::Settings {
+            table: "output.textures",
+            message: format!("`texel_m` is {texel_m}: expected {} to {} m", TEXELS_M.start(), TEXELS_M.end()),
+            hint: "leave it out for the size that a pixel of the photos has on the buildings",
         });
     }
     if let Some((field, expected)) = heights.method.refinement.fault() {

@@ -42,6 +42,7 @@ mod settings;
 mod soundness;
 mod stage_data;
 mod stages;
+mod textures;
 mod tile;
 mod worst;
 
@@ -65,6 +66,7 @@ pub use settings::{
 };
 pub use stage_data::{FootprintStage, HeightStage};
 pub use stages::reviews_of;
+pub use textures::{BuildingTexture, TextureScene, TextureSummary, texture};
 pub use tile::{CityPart, PartHashes, PartHeights, find_footprints, footprints_around, layer_of, refused_records};
 
 use schemars::JsonSchema;

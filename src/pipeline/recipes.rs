@@ -92,7 +92,7 @@ fn of_part(mut tables: Map<String, Value>) -> Value {
         tables.remove(given);
     }
     without(&mut tables, "project", &["output"]);
-    without(&mut tables, "output", &["pictures", "geopackage", "report"]);
+    without(&mut tables, "output", &["pictures", "geopackage", "report", "textures"]);
     Value::Object(tables)
 }
 
@@ -128,7 +128,7 @@ mod tests {
 
     /// One change of each table, where poses are taken as they are: the first stage that it makes stale, and whether it
     /// does a part of a city.
-    const CHANGES: [(&str, Option<Stage>, bool); 21] = [
+    const CHANGES: [(&str, Option<Stage>, bool); 22] = [
         ("seed=7", Some(Stage::Heights), true),
         ("project.crs=\"EPSG:25833\"", Some(Stage::Survey), true),
         ("project.output=\"elsewhere\"", None, false),
@@ -149,6 +149,7 @@ mod tests {
         ("reviews.path=\"reviews.geojson\"", None, false),
         ("output.fallback.source=\"attribute\"", None, true),
         ("output.pictures=false", None, false),
+        ("output.textures.enabled=true", None, false),
         ("limits.input_mb=100", None, false),
     ];
 

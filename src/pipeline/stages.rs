@@ -12,6 +12,7 @@ use super::lineage::lineage;
 use super::records::records;
 use super::scene::SceneStage;
 use super::settings::OutputSettings;
+use super::textures;
 use super::worst::worst;
 use super::{City, Event, FootprintStage, PipelineError, RunOptions, RunSettings, RunSummary, Solver, Stage, Tell};
 use super::{dtm, footprints, pictures, poses, report, soundness};
@@ -145,9 +146,12 @@ fn run_marked(
     let mut issues = all_issues(settings.origin.project, &survey, &footprints, &heights);
     issues.extend(reviews.unmatched(records.as_slice())?);
     issues.extend(cityjson::check(&records)?);
+    let moved_survey = moved(&survey, heights.moved_m()).into_owned();
+    let painted = textures::of_run(output.config, &records, &moved_survey, &stage)?;
+    issues.extend(painted.iter().flat_map(|(_, textures)| textures.issues.iter().cloned()));
     sum_up(&mut summary, &records, &mut issues);
     let priors = priors.map_or_else(|| PriorStore::open(&settings.heights, &survey, &stage), Ok)?;
-    let survey = moved(&survey, heights.moved_m()).into_owned();
+    let survey = moved_survey;
     let lineage = lineage(settings, &options.command, &survey, &heights, priors.source())?;
     let model = CityModel {
         records: records.as_slice(),
@@ -159,6 +163,7 @@ fn run_marked(
     // From here on results of another run may be replaced, one after the other.
     mark.replace()?;
     write_results(output, &model, &summary)?;
+    textures::write_or_remove(output, &model, painted.as_ref())?;
     if output.config.pictures {
         pictures::write(output.folder.path(), &model, &stage, &heights, &priors)?;
     }

@@ -55,7 +55,7 @@ const ROOMS: [Room; 9] = [
     Room {
         name: "photos",
         uses: &["geo", "heights", "survey"],
-        levels: &[&["onnx", "quality", "vegetation"], &["prior"], &["align"], &["dtm"]],
+        levels: &[&["onnx", "quality", "textures", "vegetation"], &["prior"], &["align"], &["dtm"]],
     },
     Room { name: "footprints", uses: &["geo", "heights", "photos", "survey"], levels: &[] },
     Room {
@@ -75,7 +75,7 @@ const ROOMS: [Room; 9] = [
     },
     Room {
         name: LAB,
-        uses: &["geo", "heights", "results", "survey", "truth"],
+        uses: &["geo", "heights", "photos", "results", "survey", "truth"],
         levels: &[&["baseline"], &["benchmark"], &["cli"]],
     },
 ];

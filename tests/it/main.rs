@@ -70,6 +70,7 @@ mod survey_real;
 mod survey_traps;
 mod synthetic_block;
 mod terrain_files;
+mod textures;
 mod tiles;
 mod tiles3d;
 mod tiles_edits;

@@ -3,6 +3,7 @@
 //! | suite | scenes | table |
 //! |---|---|---|
 //! | [`accuracy`] | seeds × towns, simulated and real, × levels of prior errors | `accuracy.md` |
+//! | [`textures`] | simulated towns and real flights, every fifth photo left out | `textures.md` |
 //! | [`paper`] | as the paper's seven scenes, small scenes, a flight without a grid; [`studies`] | `paper.md`, `studies.md` |
 //!
 //! A suite leaves one file per scene and method behind. A run that was stopped goes on where it was; a file is made anew
@@ -19,6 +20,7 @@ mod real;
 mod reliability;
 mod scene;
 pub mod studies;
+pub mod textures;
 
 use std::path::PathBuf;
 
@@ -105,6 +107,14 @@ pub enum BenchmarkError {
         method: &'static str,
         /// Why the method did not run.
         source: PipelineError,
+    },
+    /// A photo that was left out cannot be compared with its rendering.
+    #[error("scene {scene}: {reason}")]
+    Picture {
+        /// Name of the scene.
+        scene: String,
+        /// The problem with the picture.
+        reason: String,
     },
     /// A scene that no suite has.
     #[error("unknown scene {name:?}\nhint: the scenes are {known}")]

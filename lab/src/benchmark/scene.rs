@@ -201,7 +201,7 @@ fn read_outcome(path: &Path, settings_sha256: &str) -> Option<Outcome> {
 }
 
 /// The folder of the scene. A finished one says with which settings it was made.
-fn simulated(job: &SceneJob, plan: &SuitePlan) -> Result<PathBuf, BenchmarkError> {
+pub(super) fn simulated(job: &SceneJob, plan: &SuitePlan) -> Result<PathBuf, BenchmarkError> {
     let folder = plan.folder.join("scenes").join(&job.name);
     let stamp = folder.join("settings.sha256");
     let sha256 =
@@ -325,7 +325,7 @@ fn seconds_of(summary: &RunSummary, stage: Stage) -> f64 {
 
 /// Processor seconds that this process spent in user mode, from Linux' `/proc`, in hundredths (`USER_HZ` is 100
 /// everywhere).
-fn user_seconds() -> Option<f64> {
+pub(super) fn user_seconds() -> Option<f64> {
     let stat = fs::read_to_string("/proc/self/stat").ok()?;
     // The command's name, in brackets, may hold spaces; `utime` is the twelfth field after it.
     let ticks: f64 = stat.rsplit_once(')')?.1.split_whitespace().nth(11)?.parse().ok()?;

@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 
 use crate::benchmark::accuracy::{self, AccuracyConfig};
 use crate::benchmark::paper::{self, PaperConfig};
+use crate::benchmark::textures::{self, TexturesConfig};
 use crate::benchmark::{Again, BenchmarkError, Method, Programs, SuitePlan};
 use sizeup::cli::{Call, Failure, Global, Ui, print, print_json};
 use sizeup::config;
@@ -19,6 +20,7 @@ use sizeup_results::output::sha256_hex;
   sizeup-lab benchmark paper --output bench --set scenes=[\"res-1\"]
   sizeup-lab benchmark accuracy --output bench --keep-scenes --again robust --set seeds=[1,2] --set levels=[\"mid\"]
   sizeup-lab benchmark accuracy --output bench --again outdated
+  sizeup-lab benchmark textures --output bench --set 'real=[\"flight/sizeup.toml\"]'
   sizeup-lab benchmark accuracy --output bench --set 'real=[{name=\"west\",cityjson={path=\"city.json\",max_buildings=80}}]'
 
 A run that was stopped goes on where it was: the folder holds one outcome per scene and method. Those that another
@@ -50,6 +52,8 @@ pub enum Suite {
     Accuracy,
     /// Scenes with the paper's counts, every method and baseline, tables in the paper's layout.
     Paper,
+    /// Textures against photos that they were not made from.
+    Textures,
 }
 
 pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> {
@@ -77,6 +81,13 @@ pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> 
             let tables = tables.map_err(|e| failure(&e))?;
             tell_programs(&ui, &tables.programs);
             if global.json { print_json(&tables)? } else { print(&tables.to_markdown())? }
+        }
+        Suite::Textures => {
+            let config = if args.small { TexturesConfig::small() } else { TexturesConfig::default() };
+            let table = textures::run(&with_assignments(&config, args)?, &plan, &tell);
+            ui.finish();
+            let table = table.map_err(|e| failure(&e))?;
+            if global.json { print_json(&table)? } else { print(&table.to_markdown())? }
         }
     }
     ui.say(format!("tables and outcomes in {}", args.output.display()));

@@ -185,3 +185,27 @@ fn the_papers_studies_change_what_they_say() {
     let means: Vec<f64> = rows(1).iter().map(|row| row["statistics"]["error_mean_m"].as_f64().unwrap()).collect();
     assert!(means[1..].iter().all(|mean| *mean != means[0]), "{means:?}");
 }
+
+#[test]
+fn textures_are_nearer_to_photos_left_out_than_the_best_photo_of_each_surface() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut command = lab();
+    command.args(["benchmark", "textures", "--small", "--json", "--output"]).arg(folder.path());
+    let outcome: Outcome = command.output().unwrap().into();
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let table: Value = serde_json::from_str(&outcome.stdout).unwrap();
+    let of = |method: &str, name: &str| {
+        let rows = table["rows"].as_array().unwrap();
+        rows.iter().find(|row| row["method"] == method).unwrap()[name].as_f64().unwrap()
+    };
+    assert_eq!(of("agreeing", "n_photos"), 5.0, "every fifth of 25 photos");
+    for name in ["ssim", "psnr_db"] {
+        assert!(of("agreeing", name) > of("plain", name), "{name}: {table:#}");
+    }
+    // The aims of a town without depth errors, however small its photos.
+    assert!(of("agreeing", "ssim") > 0.75 && of("agreeing", "psnr_db") > 22.0, "{table:#}");
+    let markdown = fs::read_to_string(folder.path().join("textures.md")).unwrap();
+    assert!(markdown.contains("| village | `agreeing` |"), "{markdown}");
+    assert!(folder.path().join("pictures/village-agreeing.png").is_file());
+    assert!(!folder.path().join("scenes/village").exists(), "scenes are not kept unless asked for");
+}

@@ -14,6 +14,7 @@
 //! | CSV | [`csv`] | tables, with the meanings of their columns |
 //! | OBJ, STL | [`mesh`] | modelling, printers |
 //! | DXF | [`dxf`] | CAD |
+//! | CityJSON and glTF with pictures | [`textured`] | viewers, Blender, game engines: the city with textures from the photos |
 //! | PNG | [`picture`] | a first look |
 //! | JSON | [`reports`] | pipelines |
 //!
@@ -55,6 +56,7 @@ pub mod reports;
 pub mod reviews;
 pub mod roof_solid;
 mod summary;
+pub mod textured;
 pub mod tiles3d;
 pub(crate) mod triangles;
 pub mod unmeasured;

@@ -25,6 +25,7 @@ use super::buildings::{Families, Overview, Records};
 use super::footprint::SnappedFootprint;
 use super::grid::OutputGrid;
 use super::prism::{NoSolid, SnappedPrism};
+use super::textured::Painting;
 use super::{BuildingRecord, CityModel, OutputError};
 pub use names::{AttributeNames, EXTENSION_PREFIX, extension_schema};
 use object::ObjectSettings;
@@ -67,10 +68,32 @@ pub fn write<R: Records + ?Sized>(
     model: &CityModel<'_, R>,
     config: &CityJsonConfig,
 ) -> Result<Overview, OutputError> {
+    write_any(path, model, config, None)
+}
+
+/// As [`write()`], with textures.
+pub(super) fn write_painted(
+    path: &Path,
+    model: &CityModel<'_>,
+    config: &CityJsonConfig,
+    painting: &Painting<'_>,
+) -> Result<Overview, OutputError> {
+    write_any(path, model, config, Some(painting))
+}
+
+fn write_any<R: Records + ?Sized>(
+    path: &Path,
+    model: &CityModel<'_, R>,
+    config: &CityJsonConfig,
+    painting: Option<&Painting<'_>>,
+) -> Result<Overview, OutputError> {
     let overview = Overview::of(model.records)?;
     let grid = overview.grid(SCALE_M)?;
-    let header = metadata::header(model, &overview, &grid, config);
-    let objects = ObjectSettings { grid: &grid, config, has_roofs: overview.has_roofs };
+    let mut header = metadata::header(model, &overview, &grid, config);
+    if let Some(painting) = painting {
+        header.insert("appearance".to_owned(), painting.appearance());
+    }
+    let objects = ObjectSettings { grid: &grid, config, has_roofs: overview.has_roofs, painting };
     write_whole_or(path, |out| {
         let mut pool = VertexPool::default();
         let mut separator = "\n";

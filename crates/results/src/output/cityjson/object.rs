@@ -10,6 +10,7 @@ use super::super::footprint::SnappedFootprint;
 use super::super::grid::OutputGrid;
 use super::super::prism::{FaceKind, GridFace};
 use super::super::roof_solid::{self, Detail};
+use super::super::textured::Painting;
 use super::super::{BuildingRecord, Status};
 use super::names::{self, AttributeNames};
 use super::vertices::VertexPool;
@@ -27,6 +28,8 @@ pub struct ObjectSettings<'a> {
     pub config: &'a CityJsonConfig,
     /// Whether there are solids with roofs beside the blocks.
     pub has_roofs: bool,
+    /// Textures of the solids.
+    pub painting: Option<&'a Painting<'a>>,
 }
 
 impl ObjectSettings<'_> {
@@ -105,13 +108,20 @@ impl ObjectSettings<'_> {
                 let top = roofed.iter().flatten().flat_map(|face| face.rings.iter().flatten()).map(|p| p[2]);
                 let top = top.fold(prism.roof(), i64::max);
                 object["geographicalExtent"] = json!(extent(prism.footprint(), prism.base(), top, self.grid));
-                let mut geometry = vec![solid("1.2", &block, pool)];
+                let mut solid = |lod: &str, faces: &[GridFace]| {
+                    let mut solid = solid(lod, faces, pool);
+                    if let Some(painting) = self.painting {
+                        painting.paint(&record.id, faces, &mut solid);
+                    }
+                    solid
+                };
+                let mut geometry = vec![solid("1.2", &block)];
                 if self.has_roofs {
                     // A block where the roof is flat or not known, or makes no solid with the footprint: who takes one of these
                     // levels has all buildings.
                     let levelled = roof_solid::faces(record, &prism, self.grid, Detail::Levels);
-                    geometry.push(solid("1.3", levelled.as_ref().unwrap_or(&block), pool));
-                    geometry.push(solid("2.0", roofed.as_ref().unwrap_or(&block), pool));
+                    geometry.push(solid("1.3", levelled.as_ref().unwrap_or(&block)));
+                    geometry.push(solid("2.0", roofed.as_ref().unwrap_or(&block)));
                 }
                 object["geometry"] = Value::Array(geometry);
             }

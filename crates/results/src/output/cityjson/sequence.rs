@@ -40,7 +40,7 @@ pub(in crate::output) fn write_lines<R: Records + ?Sized>(
     let mut header = metadata::header(model, overview, &grid, config);
     header.insert("CityObjects".to_owned(), json!({}));
     header.insert("vertices".to_owned(), json!([]));
-    let objects = ObjectSettings { grid: &grid, config, has_roofs: overview.has_roofs };
+    let objects = ObjectSettings { grid: &grid, config, has_roofs: overview.has_roofs, painting: None };
     writeln!(out, "{}", json!(header)).map_err(&failed)?;
     let mut pool = VertexPool::default();
     let mut families = Families::new(overview);

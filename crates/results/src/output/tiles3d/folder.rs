@@ -9,15 +9,19 @@ use sizeup_geo::files::{FileError, partial_prefix, sweep_litter_of};
 /// The file that makes a folder a tileset.
 pub const TILESET: &str = "tileset.json";
 
-/// Fills a folder through `fill`, flushes it to disk and puts it in place. A tileset that stands there is exchanged for
+/// Fills a folder through `fill`, flushes it to disk and puts it in place. One that stands there, told by a file `mark` in it, is exchanged for
 /// it in one step, so that at every moment there is the old one or the new one; where the file system cannot exchange
 /// (network drives), in two, with none for an instant between them.
 ///
 /// # Errors
 /// [`OutputError::FolderInUse`] for a folder with other files, the error of `fill`, or of the file system.
-pub fn write_whole(path: &Path, fill: impl FnOnce(&Path) -> Result<(), OutputError>) -> Result<(), OutputError> {
+pub fn write_whole(
+    path: &Path,
+    mark: &str,
+    fill: impl FnOnce(&Path) -> Result<(), OutputError>,
+) -> Result<(), OutputError> {
     let failed = |e| FileError::on("cannot write", path)(e);
-    let is_replaceable = path.join(TILESET).is_file() || is_empty_folder(path);
+    let is_replaceable = path.join(mark).is_file() || is_empty_folder(path);
     if path.exists() && !is_replaceable {
         return Err(OutputError::FolderInUse { path: path.to_owned() });
     }
@@ -73,7 +77,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("city");
         let write = |n: usize| {
-            write_whole(&path, |new| {
+            write_whole(&path, TILESET, |new| {
                 fs::create_dir(new.join("tiles")).unwrap();
                 fs::write(new.join("tiles/r.glb"), n.to_string()).unwrap();
                 fs::write(new.join(TILESET), n.to_string()).unwrap();
@@ -106,7 +110,7 @@ mod tests {
     fn a_folder_of_other_things_is_left_alone() {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("thesis.txt"), "years").unwrap();
-        assert!(write_whole(folder.path(), |_| Ok(())).is_err());
+        assert!(write_whole(folder.path(), TILESET, |_| Ok(())).is_err());
         assert_eq!(fs::read_to_string(folder.path().join("thesis.txt")).unwrap(), "years");
     }
 }

@@ -54,6 +54,17 @@ impl Buffers {
         self.views.len() - 1
     }
 
+    /// States how a view is used: `ARRAY_BUFFER` or `ELEMENT_ARRAY_BUFFER`.
+    pub fn set_target(&mut self, view: usize, target: u32) {
+        self.views[view]["target"] = target.into();
+    }
+
+    /// The binary chunk, and the list of its views.
+    #[must_use]
+    pub fn into_parts(self) -> (Vec<u8>, Vec<Value>) {
+        (self.bytes, self.views)
+    }
+
     fn vertices(&mut self, bytes: &[u8], stride: usize) -> usize {
         let view = self.view(bytes);
         self.views[view]["target"] = ARRAY_BUFFER.into();
@@ -205,7 +216,7 @@ fn extremes<T: Copy + PartialOrd>(points: &[[T; 3]]) -> [Vec<T>; 2] {
 }
 
 /// Vertex colours are linear in glTF, ours are sRGB (IEC 61966-2-1).
-fn linear(colour: Rgb) -> Rgb {
+pub fn linear(colour: Rgb) -> Rgb {
     colour.map(|c| {
         let c = f64::from(c) / 255.0;
         let linear = if c <= 0.040_45 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
@@ -213,7 +224,8 @@ fn linear(colour: Rgb) -> Rgb {
     })
 }
 
-fn container(json: &Value, mut buffer: Vec<u8>) -> Vec<u8> {
+/// A binary glTF of its two chunks.
+pub fn container(json: &Value, mut buffer: Vec<u8>) -> Vec<u8> {
     let mut text = json.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
     buffer.resize(buffer.len().next_multiple_of(4), 0);

@@ -9,8 +9,8 @@
 //!
 //! The buildings wait on disk while their tiles are chosen: in memory there is one tile, and some 50 bytes per building.
 
-mod folder;
-mod glb;
+pub(super) mod folder;
+pub(super) mod glb;
 mod mesh;
 mod metadata;
 mod place;
@@ -92,7 +92,7 @@ pub fn write<R: Records + ?Sized>(
         ((low + high) / 2.0).with_z(low.z)
     });
     let place = TilesetPlace::new(model.crs, config.heights, centre_m)?;
-    folder::write_whole(path, |temporary| {
+    folder::write_whole(path, folder::TILESET, |temporary| {
         let shown = ShownBuildings::of(model.records, temporary.parent().unwrap_or(temporary), &rows, &grid)?;
         let tree = Node::root(shown.items, config.max_buildings);
         let writer = TileWriter {

@@ -1,0 +1,186 @@
+//! Pages that hold the pictures of all surfaces, those of one building on one page where they fit.
+
+use glam::{DVec2, UVec2, Vec2};
+use guillotiere::{AllocId, AtlasAllocator, size2};
+use image::RgbImage;
+use image::codecs::jpeg::JpegEncoder;
+use rayon::prelude::*;
+
+use super::Surface;
+use super::chart::Chart;
+use super::paint::Painted;
+use super::scene::SurfaceScene;
+
+/// Greatest side of a page, pixels: what every graphics card takes (WebGL 2 promises 2048, 99 % of devices take 4096 and more by
+/// web3dsurvey.com).
+pub(super) const MOST_SIDE_PX: u32 = 4096;
+/// Sides of pages are multiples of this, pixels, and their area so much more than that of their pictures: packed so, some nine
+/// tenths of the pages of a simulated town are used.
+const SIDE_STEP_PX: u32 = 256;
+const ROOM: f64 = 1.1;
+/// Quality of the JPEG, 1 to 100: photos come at 85 to 95, and textures are not edited any more.
+const JPEG_QUALITY: u8 = 85;
+
+/// A picture of the atlas.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Page {
+    /// Columns of the picture.
+    pub width: u32,
+    /// Rows of the picture.
+    pub height: u32,
+    /// The picture as JPEG.
+    pub jpeg: Vec<u8>,
+}
+
+/// Where a surface is painted: on which page, and where its plane's origin is there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct PagePlace {
+    pub page: usize,
+    /// Pixels from the page's upper left corner.
+    pub origin_px: Vec2,
+    pub texel_m: f32,
+}
+
+impl PagePlace {
+    /// Pixels of the page of a place in the surface's plane, metres.
+    pub fn pixel(&self, place: Vec2) -> Vec2 {
+        self.origin_px + Vec2::new(place.x, -place.y) / self.texel_m
+    }
+}
+
+/// Pages, and the place of each surface.
+pub(super) struct Atlas {
+    pub pages: Vec<Page>,
+    pub places: Vec<Option<PagePlace>>,
+}
+
+impl Atlas {
+    /// Shares of the page for each corner of a surface.
+    pub fn uv(&self, scene: &SurfaceScene, surface: usize) -> Vec<Vec<DVec2>> {
+        let Some(place) = self.places[surface] else { return Vec::new() };
+        let page = &self.pages[place.page];
+        let size = DVec2::new(f64::from(page.width), f64::from(page.height));
+        let ring = |ring: &Vec<Vec2>| ring.iter().map(|at| place.pixel(*at).as_dvec2() / size).collect();
+        scene.facets[surface].rings.iter().map(ring).collect()
+    }
+}
+
+/// Upper left corner of a picture on a page.
+#[derive(Clone, Copy)]
+struct Corner {
+    page: usize,
+    at: UVec2,
+}
+
+/// Pages that are being filled; only the last one takes more.
+struct Shelf {
+    open: AtlasAllocator,
+    side_px: u32,
+    n_pages: usize,
+}
+
+impl Shelf {
+    /// Square pages that some pictures fit on, a single one where that is not too large.
+    fn fitting(sizes: impl Iterator<Item = UVec2>) -> Self {
+        let (area, longest) = sizes.fold((0.0, 1), |(area, longest), size| {
+            (area + f64::from(size.x) * f64::from(size.y), size.max_element().max(longest))
+        });
+        let side = ((ROOM * area).sqrt() as u32).max(longest).next_multiple_of(SIDE_STEP_PX);
+        let side_px = side.min(MOST_SIDE_PX);
+        Self { open: empty_page(side_px), side_px, n_pages: 1 }
+    }
+
+    /// A place for a picture on the last page.
+    fn place(&mut self, size: UVec2) -> Option<(AllocId, Corner)> {
+        let found = self.open.allocate(size2(size.x as i32, size.y as i32))?;
+        let at = UVec2::new(found.rectangle.min.x as u32, found.rectangle.min.y as u32);
+        Some((found.id, Corner { page: self.n_pages - 1, at }))
+    }
+
+    /// Places for several pictures on the last page, or none.
+    fn place_all(&mut self, sizes: &[(usize, UVec2)]) -> Option<Vec<(usize, Corner)>> {
+        let mut placed = Vec::with_capacity(sizes.len());
+        for (surface, size) in sizes {
+            match self.place(*size) {
+                Some((id, corner)) => placed.push((id, (*surface, corner))),
+                None => {
+                    placed.iter().for_each(|(id, _)| self.open.deallocate(*id));
+                    return None;
+                }
+            }
+        }
+        Some(placed.into_iter().map(|(_, corner)| corner).collect())
+    }
+
+    fn turn_over(&mut self) {
+        self.open = empty_page(self.side_px);
+        self.n_pages += 1;
+    }
+}
+
+fn empty_page(side_px: u32) -> AtlasAllocator {
+    AtlasAllocator::new(size2(side_px as i32, side_px as i32))
+}
+
+/// Lays all painted surfaces out on pages.
+pub(super) fn pack(surfaces: &[Surface], charts: &[Option<Chart>], painted: &[Option<Painted>]) -> Atlas {
+    let corners = corners(surfaces, painted);
+    let size_of =
+        |i: usize| painted[i].as_ref().map_or(UVec2::ZERO, |p| UVec2::new(p.picture.width(), p.picture.height()));
+    let n_pages = corners.iter().flatten().map(|corner| corner.page + 1).max().unwrap_or(0);
+    let page = |page: usize| {
+        let on_page = || (0..surfaces.len()).filter_map(|i| corners[i].filter(|c| c.page == page).map(|c| (i, c.at)));
+        let size = on_page().map(|(i, at)| at + size_of(i)).fold(UVec2::ONE, UVec2::max);
+        let mut picture = RgbImage::new(size.x, size.y);
+        for (i, at) in on_page() {
+            if let Some(painted) = &painted[i] {
+                image::imageops::replace(&mut picture, &painted.picture, i64::from(at.x), i64::from(at.y));
+            }
+        }
+        Page { width: size.x, height: size.y, jpeg: jpeg(&picture) }
+    };
+    let place = |i: usize| {
+        let (corner, chart) = (corners[i]?, charts[i].as_ref()?);
+        let origin_px = corner.at.as_vec2() + chart.texels_at(Vec2::ZERO);
+        Some(PagePlace { page: corner.page, origin_px, texel_m: chart.texel_m })
+    };
+    Atlas { pages: (0..n_pages).into_par_iter().map(page).collect(), places: (0..surfaces.len()).map(place).collect() }
+}
+
+fn corners(surfaces: &[Surface], painted: &[Option<Painted>]) -> Vec<Option<Corner>> {
+    let mut corners = vec![None; surfaces.len()];
+    let size = |i: usize| painted[i].as_ref().map(|p| UVec2::new(p.picture.width(), p.picture.height()));
+    let (mut shelf, mut first) = (Shelf::fitting((0..surfaces.len()).filter_map(size)), 0);
+    for group in surfaces.chunk_by(|a, b| a.building == b.building) {
+        let mut sizes: Vec<(usize, UVec2)> = (first..first + group.len()).filter_map(|i| Some((i, size(i)?))).collect();
+        sizes.sort_by_key(|(i, size)| (std::cmp::Reverse(size.max_element()), *i));
+        first += group.len();
+        let together = shelf.place_all(&sizes).or_else(|| {
+            shelf.turn_over();
+            shelf.place_all(&sizes)
+        });
+        if let Some(placed) = together {
+            placed.into_iter().for_each(|(i, corner)| corners[i] = Some(corner));
+            continue;
+        }
+        // A building too large for a page.
+        for (i, size) in sizes {
+            let placed = shelf.place(size).or_else(|| {
+                shelf.turn_over();
+                shelf.place(size)
+            });
+            corners[i] = placed.map(|(_, corner)| corner);
+        }
+    }
+    corners
+}
+
+/// A picture as JPEG.
+///
+/// # Panics
+/// Never: memory takes every byte, and pages are smaller than the format's limit.
+fn jpeg(picture: &RgbImage) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY).encode_image(picture).expect("a page is a JPEG");
+    bytes
+}

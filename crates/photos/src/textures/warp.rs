@@ -1,0 +1,178 @@
+//! Colours of a photo on the surfaces that it shows. Each photo is decoded once, for all of them.
+
+use glam::DVec2;
+use image::{Rgb, RgbImage};
+use rayon::prelude::*;
+
+use super::TextureTask;
+use super::chart::Chart;
+use super::scene::SurfaceScene;
+use super::views::{Candidate, Colours, Shown};
+use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_heights::render::PlacedCamera;
+
+/// A photo and its halves, quarters, …: sampled at a size of which one or two pixels make a texel.
+struct Pyramid {
+    levels: Vec<RgbImage>,
+}
+
+impl Pyramid {
+    fn new(photo: RgbImage, n_levels: usize) -> Self {
+        let mut levels = vec![photo];
+        while levels.len() < n_levels {
+            let Some(half) = levels.last().and_then(half) else { break };
+            levels.push(half);
+        }
+        Self { levels }
+    }
+
+    /// Colour at a share of width and height, bicubic: bilinear values blur what is sampled at about its own size.
+    fn colour(&self, level: usize, share: DVec2) -> [f32; 3] {
+        let picture = &self.levels[level.min(self.levels.len() - 1)];
+        bicubic(picture, share.x * f64::from(picture.width()), share.y * f64::from(picture.height()))
+    }
+}
+
+/// Colour of a picture at a place, pixels from its upper left corner; its border repeated beyond it.
+pub(super) fn bilinear(picture: &RgbImage, x: f64, y: f64) -> [f32; 3] {
+    let (last_x, last_y) = (picture.width() - 1, picture.height() - 1);
+    let (x, y) = ((x - 0.5).clamp(0.0, f64::from(last_x)), (y - 0.5).clamp(0.0, f64::from(last_y)));
+    let (col, row) = (x as u32, y as u32);
+    let (fx, fy) = ((x - f64::from(col)) as f32, (y - f64::from(row)) as f32);
+    let (right, below) = ((col + 1).min(last_x), (row + 1).min(last_y));
+    let at = |x: u32, y: u32| picture.get_pixel(x, y).0.map(f32::from);
+    let (a, b, c, d) = (at(col, row), at(right, row), at(col, below), at(right, below));
+    std::array::from_fn(|i| {
+        let (above, under) = (a[i] + (b[i] - a[i]) * fx, c[i] + (d[i] - c[i]) * fx);
+        above + (under - above) * fy
+    })
+}
+
+/// The same, by the cubic of Catmull and Rom through four pixels each way.
+fn bicubic(picture: &RgbImage, x: f64, y: f64) -> [f32; 3] {
+    let weights = |t: f32| {
+        let (t2, t3) = (t * t, t * t * t);
+        [-0.5 * t + t2 - 0.5 * t3, 1.0 - 2.5 * t2 + 1.5 * t3, 0.5 * t + 2.0 * t2 - 1.5 * t3, -0.5 * t2 + 0.5 * t3]
+    };
+    let (x, y) = (x - 0.5, y - 0.5);
+    let (col, row) = (x.floor(), y.floor());
+    let (across, down) = (weights((x - col) as f32), weights((y - row) as f32));
+    let clamped = |v: f64, n: u32| v.clamp(0.0, f64::from(n - 1)) as u32;
+    let mut sum = [0.0; 3];
+    for (j, wy) in down.iter().enumerate() {
+        let v = clamped(row + j as f64 - 1.0, picture.height());
+        for (i, wx) in across.iter().enumerate() {
+            let pixel = picture.get_pixel(clamped(col + i as f64 - 1.0, picture.width()), v);
+            sum.iter_mut().zip(pixel.0).for_each(|(sum, value)| *sum += wx * wy * f32::from(value));
+        }
+    }
+    sum.map(|v: f32| v.clamp(0.0, 255.0))
+}
+
+/// A picture at half its size; `None` for one of a single row or column.
+fn half(picture: &RgbImage) -> Option<RgbImage> {
+    let (width, height) = (picture.width() / 2, picture.height() / 2);
+    let mean = |x: u32, y: u32| {
+        let at = |dx: u32, dy: u32| picture.get_pixel(2 * x + dx, 2 * y + dy).0.map(u16::from);
+        let (a, b, c, d) = (at(0, 0), at(1, 0), at(0, 1), at(1, 1));
+        Rgb(std::array::from_fn(|i| ((a[i] + b[i] + c[i] + d[i] + 2) / 4) as u8))
+    };
+    (width > 0 && height > 0).then(|| RgbImage::from_fn(width, height, mean))
+}
+
+/// Lays the colours of all photos into the candidates; those of photos that cannot be read are taken out. Returns what is to
+/// be told of such photos, in the survey's order.
+pub(super) fn fill(
+    task: &TextureTask<'_>,
+    scene: &SurfaceScene,
+    charts: &[Option<Chart>],
+    candidates: &mut [Vec<Candidate>],
+) -> Vec<Issue> {
+    let mut of_view: Vec<Vec<(usize, usize)>> = vec![Vec::new(); task.views.len()];
+    for (surface, of_surface) in candidates.iter().enumerate() {
+        of_surface.iter().enumerate().for_each(|(k, candidate)| of_view[candidate.view].push((surface, k)));
+    }
+    // One photo per thread in memory.
+    let painted: Vec<(usize, Result<Vec<Colours>, String>)> = (0..task.views.len())
+        .into_par_iter()
+        .with_max_len(1)
+        .filter(|&view| !of_view[view].is_empty())
+        .map(|view| (view, colours(task, scene, charts, candidates, view, &of_view[view])))
+        .collect();
+    let mut issues = Vec::new();
+    for (view, colours) in painted {
+        match colours {
+            Ok(colours) => {
+                for (&(surface, k), colours) in of_view[view].iter().zip(colours) {
+                    candidates[surface][k].colours = Some(colours);
+                }
+            }
+            Err(reason) => {
+                let subject = Subject::View(task.views[view].id.0.clone());
+                let issue = Issue::new(
+                    Severity::Warning,
+                    "photo_unreadable",
+                    subject,
+                    format!("no texture comes from it: {reason}"),
+                );
+                issues.push(
+                    issue.hint("put the photo back, or save it again; other photos paint its surfaces meanwhile"),
+                );
+            }
+        }
+    }
+    candidates.iter_mut().for_each(|of_surface| of_surface.retain(|candidate| candidate.colours.is_some()));
+    issues
+}
+
+fn colours(
+    task: &TextureTask<'_>,
+    scene: &SurfaceScene,
+    charts: &[Option<Chart>],
+    candidates: &[Vec<Candidate>],
+    view: usize,
+    places: &[(usize, usize)],
+) -> Result<Vec<Colours>, String> {
+    let of = &task.views[view];
+    let photo = (task.decode)(of)?;
+    let level_of = |(surface, k): (usize, usize)| candidates[surface][k].pixels_per_texel.max(1.0).log2() as usize;
+    let n_levels = places.iter().map(|place| level_of(*place) + 1).max().unwrap_or(1);
+    let pyramid = Pyramid::new(photo, n_levels);
+    let camera = PlacedCamera::new((*of.camera).clone(), of.camera_from_map, task.origin);
+    let size = DVec2::new(f64::from(of.camera.width_px), f64::from(of.camera.height_px));
+    let of_place = |&(surface, k): &(usize, usize)| {
+        let chart = charts[surface].as_ref().ok_or("a surface without a chart")?;
+        let (facet, level) = (&scene.facets[surface], level_of((surface, k)));
+        let mut picture = RgbImage::new(chart.size.x, chart.size.y);
+        let shown = &candidates[surface][k].shown;
+        // Colours run half a cell into those beside it, corners too.
+        let is_wanted = |cell: usize| {
+            let is_shown = |at: usize| shown[at] != Shown::Hidden;
+            is_shown(cell) || chart.beside(cell).any(|near| is_shown(near) || chart.beside(near).any(is_shown))
+        };
+        for cell in (0..chart.cells.len()).filter(|cell| chart.cells[*cell].n_texels > 0 && is_wanted(*cell)) {
+            for (x, y) in chart.texels_of(cell as u32) {
+                let seen = camera.project(facet.point(chart.place(x, y)).as_dvec3());
+                let colour = seen.map_or([0.0; 3], |at| pyramid.colour(level, at / size));
+                picture.put_pixel(x, y, Rgb(colour.map(|v| (v + 0.5) as u8)));
+            }
+        }
+        let means = (0..chart.cells.len() as u32).map(|cell| mean_of_cell(chart, &picture, cell)).collect();
+        Ok(Colours { picture, means })
+    };
+    places.par_iter().map(of_place).collect()
+}
+
+fn mean_of_cell(chart: &Chart, picture: &RgbImage, cell: u32) -> [f32; 3] {
+    let inside = chart.texels_of(cell).filter(|(x, y)| chart.is_inside(*x, *y));
+    let (n, sum) = inside.fold((0, [0_u32; 3]), |(n, sum), (x, y)| {
+        let of = picture.get_pixel(x, y).0;
+        (n + 1, std::array::from_fn(|c| sum[c] + u32::from(of[c])))
+    });
+    sum.map(|v| v as f32 / n.max(1) as f32)
+}
+
+/// Cells that two candidates both show clearly.
+pub(super) fn shared<'a>(a: &'a Candidate, b: &'a Candidate) -> impl Iterator<Item = usize> + 'a {
+    (0..a.shown.len()).filter(|&cell| a.shown[cell] == Shown::Clear && b.shown[cell] == Shown::Clear)
+}

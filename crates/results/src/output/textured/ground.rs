@@ -1,0 +1,72 @@
+//! The ground of a textured city: a mesh over its terrain with the photos laid on it.
+
+use glam::{DVec2, DVec3};
+use image::RgbImage;
+use image::codecs::jpeg::JpegEncoder;
+
+use super::super::grid::OutputGrid;
+
+/// Quality of the JPEG, 1 to 100, as that of the buildings' pictures.
+const JPEG_QUALITY: u8 = 85;
+
+/// Ground with a picture of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TexturedGround {
+    /// The ground from above, north up.
+    pub picture: RgbImage,
+    /// Western, southern, eastern and northern edge of the picture, map frame, metres.
+    pub bounds_m: [f64; 4],
+    /// Columns and rows of the nodes, evenly from edge to edge, at least 2 each.
+    pub n_nodes: [usize; 2],
+    /// Heights of the nodes, row by row from the north, metres.
+    pub heights_m: Vec<f64>,
+    /// Names of the photos.
+    pub photos: Vec<String>,
+}
+
+/// Nodes of the mesh in glTF's axes, their places on the picture, and the triangles between them.
+pub(super) struct GroundMesh {
+    pub positions: Vec<[f32; 3]>,
+    pub uv: Vec<[f32; 2]>,
+    pub indices: Vec<u32>,
+}
+
+impl TexturedGround {
+    pub(super) fn mesh(&self, grid: &OutputGrid) -> GroundMesh {
+        let [columns, rows] = self.n_nodes;
+        let [west_m, south_m, east_m, north_m] = self.bounds_m;
+        let share = |i: usize| {
+            let [last_x, last_y] = [columns - 1, rows - 1].map(|last| last as f64);
+            DVec2::new((i % columns) as f64 / last_x, (i / columns) as f64 / last_y)
+        };
+        let origin = DVec3::from_array(grid.origin_m);
+        let position = |i: usize| {
+            let at = share(i);
+            let (x, y) = (west_m + at.x * (east_m - west_m), north_m - at.y * (north_m - south_m));
+            let local = DVec3::new(x, y, self.heights_m[i]) - origin;
+            DVec3::new(local.x, local.z, -local.y).as_vec3().to_array()
+        };
+        let n = columns * rows;
+        let corner = |i: usize| (i % columns + 1 < columns && i / columns + 1 < rows).then_some(i as u32);
+        let below = columns as u32;
+        // Counter-clockwise seen from above.
+        let cell = |i: u32| [i, i + below, i + 1, i + 1, i + below, i + below + 1];
+        GroundMesh {
+            positions: (0..n).map(position).collect(),
+            uv: (0..n).map(|i| share(i).as_vec2().to_array()).collect(),
+            indices: (0..n).filter_map(corner).flat_map(cell).collect(),
+        }
+    }
+
+    /// The picture as JPEG.
+    ///
+    /// # Panics
+    /// Never: memory takes every byte, and pages are smaller than the format's limit.
+    pub(super) fn jpeg(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY)
+            .encode_image(&self.picture)
+            .expect("a picture is a JPEG");
+        bytes
+    }
+}

@@ -1,0 +1,270 @@
+//! The textured city of a run: its solids, its ground and its photos brought together.
+
+use std::collections::BTreeMap;
+use std::fs;
+
+use glam::DVec3;
+use serde::Serialize;
+
+use super::heights::moved;
+use super::input::check_settings;
+use super::records::records;
+use super::scene::SceneStage;
+use super::settings::OutputSettings;
+use super::stages::reviews_of;
+use super::{FootprintStage, PipelineError, RunSettings, Stage, backdrop};
+use crate::config::{FootprintPlace, OutputConfig};
+use sizeup_geo::files::FileError;
+use sizeup_geo::issue::Issue;
+use sizeup_geo::terrain::Terrain;
+use sizeup_heights::frames::LocalOrigin;
+use sizeup_heights::scene::LocalGround;
+use sizeup_heights::stats;
+use sizeup_photos::textures::{
+    Choice, Surface, SurfaceKind, SurfaceScene, TextureTask, TexturedArea, Textures, bake, fill_unknown,
+};
+use sizeup_results::output::picture::photo_of;
+use sizeup_results::output::textured::{self, CitySurfaces, PaintedCity, TexturedGround};
+use sizeup_results::output::{BuildingRecord, CityModel, Lineage};
+use sizeup_survey::{Survey, View};
+
+/// Longer side of the picture of the ground, pixels, at most: what every graphics card takes.
+const GROUND_PX: u32 = 4096;
+/// Cells along the longer side of the ground's mesh, at most: 130,000 triangles.
+const MOST_CELLS: f64 = 256.0;
+/// Ground is looked at from so far above it, metres: between its nodes the mesh that rays meet is another one.
+const LIFT_M: f64 = 0.5;
+
+/// Everything that a run's city is textured from.
+pub struct TextureScene {
+    /// Every building of the result.
+    pub records: Vec<BuildingRecord>,
+    /// The photos, moved onto the footprints where the whole layer was.
+    pub survey: Survey,
+    /// Surfaces of the solids as they are written.
+    pub city: CitySurfaces,
+    /// The same where the photos show them: a footprint that is known to be off is painted from there.
+    pub surfaces: Vec<Surface>,
+    /// The ground in the local frame.
+    pub ground: LocalGround,
+    /// The same in the map.
+    pub terrain: Terrain,
+    /// Origin of the local frame.
+    pub origin: LocalOrigin,
+}
+
+impl TextureScene {
+    /// The scene of the records of a run.
+    pub(super) fn new(
+        output: &OutputConfig,
+        records: &[BuildingRecord],
+        survey: &Survey,
+        stage: &SceneStage,
+    ) -> Result<Self, PipelineError> {
+        let city = CitySurfaces::of(records)?;
+        let mut surfaces = city.surfaces.clone();
+        if output.footprints == FootprintPlace::AsGiven {
+            for surface in &mut surfaces {
+                let Some(shift) = records[surface.building].footprint_shift else { continue };
+                surface.rings.iter_mut().flatten().for_each(|corner| *corner += shift.way().extend(0.0));
+            }
+        }
+        Ok(Self {
+            records: records.to_vec(),
+            survey: survey.clone(),
+            city,
+            surfaces,
+            ground: stage.scene.ground.clone(),
+            terrain: stage.terrain.clone(),
+            origin: stage.scene.origin,
+        })
+    }
+
+    /// The scene of a result, from what its stages left behind.
+    ///
+    /// # Errors
+    /// [`PipelineError`]: no run in the output folder, or one made from other input or settings.
+    pub fn of_result(settings: &RunSettings<'_>) -> Result<Self, PipelineError> {
+        check_settings(&settings.output, &settings.heights)?;
+        let artefacts = &settings.artefacts;
+        let survey = artefacts.read_survey()?;
+        let mut footprints: FootprintStage = artefacts.read(Stage::Footprints, &survey)?;
+        let heights = artefacts.read_heights(&survey, &footprints)?;
+        let (heights, stage) = SceneStage::of_heights(&settings.heights.scene, &survey, &mut footprints, heights)?;
+        let reviews = reviews_of(settings.reviews)?;
+        let records = records((&settings.records, stage.scene.bounds), &survey, &footprints, &heights, &reviews);
+        Self::new(settings.output.config, &records, &moved(&survey, heights.moved_m()), &stage)
+    }
+
+    /// The ground with the nadir photos laid on it; `None` where none shows it.
+    fn ground_picture(&self, texel_m: f64) -> Option<TexturedGround> {
+        let scene = SurfaceScene::new(&self.surfaces, self.ground.clone(), self.origin);
+        let local = |place: DVec3| (place - self.origin.0).as_vec3();
+        let sees = |eye: DVec3, place: DVec3| scene.is_seen(local(eye), local(place + LIFT_M * DVec3::Z));
+        let size = (texel_m, GROUND_PX);
+        let laid = backdrop::lay_where_seen(&self.survey.views, &self.records, &self.terrain, size, &sees)?;
+        let [west_m, south_m, east_m, north_m] = laid.bounds_m;
+        let (width_m, depth_m) = (east_m - west_m, north_m - south_m);
+        let levels: Vec<f64> = self.records.iter().filter_map(|record| record.ground_z_m).collect();
+        let mean_m = stats::median(&levels).unwrap_or(0.0);
+        let n = |length_m: f64| match &self.terrain {
+            Terrain::Constant(_) => 2,
+            Terrain::Grid(dem) => {
+                (length_m / dem.cell_m().0.max(width_m.max(depth_m) / MOST_CELLS)).ceil() as usize + 1
+            }
+        };
+        let n_nodes = [n(width_m).max(2), n(depth_m).max(2)];
+        let height_m = |i: usize| {
+            let share = |at: usize, n: usize| at as f64 / (n - 1) as f64;
+            let (x, y) = (share(i % n_nodes[0], n_nodes[0]), share(i / n_nodes[0], n_nodes[1]));
+            self.terrain.height_at(west_m + x * width_m, north_m - y * depth_m).unwrap_or(mean_m)
+        };
+        let heights_m = (0..n_nodes[0] * n_nodes[1]).map(height_m).collect();
+        let mut picture = laid.picture;
+        if let Some(shown) = &laid.shown {
+            fill_unknown(&mut picture, shown.pixels().map(|pixel| pixel[0] > 0).collect());
+        }
+        Some(TexturedGround { picture, bounds_m: laid.bounds_m, n_nodes, heights_m, photos: laid.photos })
+    }
+
+    /// Textures from some of the photos.
+    #[must_use]
+    pub fn bake(&self, views: &[View], texel_m: Option<f64>, choice: Choice) -> Textures {
+        let decode = |view: &View| photo_of(view).map_err(|e| e.to_string());
+        bake(&TextureTask {
+            surfaces: &self.surfaces,
+            ground: self.ground.clone(),
+            origin: self.origin,
+            views,
+            decode: &decode,
+            texel_m,
+            choice,
+        })
+    }
+}
+
+/// Numbers of a textured city.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TextureSummary {
+    /// Side of a texel, metres.
+    pub texel_m: f64,
+    /// Pictures that the textures are on.
+    pub n_pages: usize,
+    /// Bytes of the pictures.
+    pub n_bytes: usize,
+    /// Roofs by where their colours come from.
+    pub roofs: TexturedArea,
+    /// Walls by where their colours come from.
+    pub walls: TexturedArea,
+    /// The same of each building, and the photos that paint its surfaces, most first.
+    pub buildings: BTreeMap<String, BuildingTexture>,
+}
+
+/// Textures of one building.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct BuildingTexture {
+    /// Roofs and walls by where their colours come from.
+    pub areas: TexturedArea,
+    /// Names of the photos that paint most of a surface, the one of most surfaces first.
+    pub photos: Vec<String>,
+}
+
+impl TextureSummary {
+    /// Summary of the textures of a scene.
+    #[must_use]
+    pub fn of(scene: &TextureScene, textures: &Textures) -> Self {
+        let mut buildings: BTreeMap<String, BuildingTexture> = BTreeMap::new();
+        let mut photos: BTreeMap<&str, BTreeMap<usize, usize>> = BTreeMap::new();
+        for (surface, texture) in scene.surfaces.iter().zip(&textures.surfaces) {
+            let id = scene.records[surface.building].id.as_str();
+            buildings.entry(id.to_owned()).or_default().areas.add(&texture.areas);
+            if let Some(photo) = texture.photo {
+                *photos.entry(id).or_default().entry(photo).or_default() += 1;
+            }
+        }
+        for (id, counts) in photos {
+            let mut counts: Vec<(usize, usize)> = counts.into_iter().collect();
+            counts.sort_by_key(|&(view, n)| (std::cmp::Reverse(n), view));
+            let names = counts.into_iter().map(|(view, _)| scene.survey.views[view].id.0.clone());
+            if let Some(building) = buildings.get_mut(id) {
+                building.photos = names.collect();
+            }
+        }
+        Self {
+            texel_m: textures.texel_m,
+            n_pages: textures.pages.len(),
+            n_bytes: textures.pages.iter().map(|page| page.jpeg.len()).sum(),
+            roofs: textures.areas(&scene.surfaces, SurfaceKind::Roof),
+            walls: textures.areas(&scene.surfaces, SurfaceKind::Wall),
+            buildings,
+        }
+    }
+}
+
+/// Textures of a run's city, where they are asked for.
+pub(super) fn of_run(
+    output: &OutputConfig,
+    records: &[BuildingRecord],
+    survey: &Survey,
+    stage: &SceneStage,
+) -> Result<Option<(TextureScene, Textures)>, PipelineError> {
+    if !output.textures.enabled {
+        return Ok(None);
+    }
+    let scene = TextureScene::new(output, records, survey, stage)?;
+    let textures = scene.bake(&survey.views, output.textures.texel_m, Choice::Agreeing);
+    Ok(Some((scene, textures)))
+}
+
+/// Writes the textured city beside the results, or removes that of an earlier run.
+pub(super) fn write_or_remove(
+    output: &OutputSettings<'_>,
+    model: &CityModel<'_>,
+    painted: Option<&(TextureScene, Textures)>,
+) -> Result<(), PipelineError> {
+    match painted {
+        Some((scene, textures)) => write(output, model, scene, textures).map(drop),
+        None => Ok(textured::remove(&output.folder.path().join(textured::FOLDER))?),
+    }
+}
+
+/// Writes the textured city beside the results.
+fn write(
+    output: &OutputSettings<'_>,
+    model: &CityModel<'_>,
+    scene: &TextureScene,
+    textures: &Textures,
+) -> Result<TextureSummary, PipelineError> {
+    let summary = TextureSummary::of(scene, textures);
+    let folder = output.folder.path().join(textured::FOLDER);
+    let ground = scene.ground_picture(textures.texel_m);
+    let painted = PaintedCity { city: &scene.city, textures, ground: ground.as_ref() };
+    textured::write(&folder, model, &output.config.cityjson, &painted, &summary)?;
+    Ok(summary)
+}
+
+/// Textures a finished result from its photos: writes `textured/` beside it and nothing else. Returns the numbers, and what is to be told of
+/// photos and surfaces.
+///
+/// # Errors
+/// [`PipelineError`]: no finished run in the output folder, one made from other input or settings, or the file system.
+pub fn texture(settings: &RunSettings<'_>) -> Result<(TextureSummary, Vec<Issue>), PipelineError> {
+    let (output, scene) = (&settings.output, TextureScene::of_result(settings)?);
+    let path = output.folder.path().join("lineage.json");
+    let text = fs::read(&path).map_err(FileError::on("cannot read", &path))?;
+    let lineage: Lineage = serde_json::from_slice(&text).map_err(|e| PipelineError::Artefact {
+        path,
+        message: e.to_string(),
+        stage: Stage::Output.name(),
+    })?;
+    let textures = scene.bake(&scene.survey.views, output.config.textures.texel_m, Choice::Agreeing);
+    let model = CityModel {
+        records: scene.records.as_slice(),
+        crs: settings.survey.crs,
+        lineage: &lineage,
+        issues: &[],
+        survey: &scene.survey,
+    };
+    let summary = write(output, &model, &scene, &textures)?;
+    Ok((summary, textures.issues))
+}

@@ -1,0 +1,396 @@
+//! Textures of a small town of boxes whose colours are known, in photos traced here by code of its own.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use geo::polygon;
+use glam::{DVec2, DVec3};
+use image::{Rgb, RgbImage};
+use serde_json::Value;
+use sizeup::camera::Camera;
+use sizeup::crs::Crs;
+use sizeup::frames::{LocalOrigin, Rigid};
+use sizeup::output::cityjson::CityJsonConfig;
+use sizeup::output::textured::{self, CitySurfaces, PaintedCity, TexturedGround};
+use sizeup::output::{BuildingRecord, CityModel, Lineage};
+use sizeup::scene::LocalGround;
+use sizeup::survey::{Survey, View};
+use sizeup::terrain::Terrain;
+use sizeup::textures::{Choice, Surface, SurfaceKind, SurfaceTexture, TextureTask, Textures, bake};
+
+use crate::consumers::triangles_of_valid_gltf;
+use crate::outputs::assert_valid_cityjson;
+use crate::tiny_scene::Scene;
+
+/// Where the town lies, and its ground.
+const AT: DVec3 = DVec3::new(565_000.0, 5_934_000.0, 30.0);
+const GROUND: [u8; 3] = [90, 90, 90];
+const ROOF: [u8; 3] = [170, 60, 40];
+/// Walls to the west, east, south and north.
+const WALLS: [[u8; 3]; 4] = [[210, 190, 120], [120, 150, 200], [200, 120, 160], [110, 170, 120]];
+const LEAVES: [u8; 3] = [20, 90, 20];
+
+/// A box along the axes, relative to `AT`, with the colours of its walls and of its top.
+#[derive(Clone, Copy)]
+struct Block {
+    low: DVec3,
+    high: DVec3,
+    walls: [[u8; 3]; 4],
+    top: [u8; 3],
+}
+
+const fn house(west: f64, south: f64, east: f64, north: f64, height: f64) -> Block {
+    Block { low: DVec3::new(west, south, 0.0), high: DVec3::new(east, north, height), walls: WALLS, top: ROOF }
+}
+
+/// A house, a lower one against its eastern wall, and a tower south of it.
+const HOUSE: Block = house(0.0, 0.0, 20.0, 10.0, 12.0);
+const ANNEX: Block = house(20.0, 0.0, 30.0, 10.0, 7.0);
+const TOWER: Block = house(2.0, -30.0, 18.0, -18.0, 30.0);
+const IDS: [&str; 3] = ["house", "annex", "tower"];
+
+/// Colour that a ray meets first.
+fn colour(blocks: &[Block], eye: DVec3, direction: DVec3) -> [u8; 3] {
+    let ground = (-eye.z / direction.z, GROUND);
+    let met = blocks.iter().filter_map(|block| {
+        let (a, b) = ((block.low - eye) / direction, (block.high - eye) / direction);
+        let (near, far) = (a.min(b), a.max(b));
+        let (t, leaves) = (near.max_element(), far.min_element());
+        let axis = near.max_position();
+        let side = if axis == 2 { block.top } else { block.walls[2 * axis + usize::from(direction[axis] < 0.0)] };
+        (t > 0.0 && t < leaves).then_some((t, side))
+    });
+    met.fold(ground, |nearest, hit| if hit.0 < nearest.0 { hit } else { nearest }).1
+}
+
+/// A flight of eight oblique photos around the town and one from above.
+fn views() -> Vec<View> {
+    let camera = Arc::new(Camera::pinhole(640, 480, 560.0));
+    let around = (0..8).map(|i| (f64::from(i) * std::f64::consts::FRAC_PI_4, 75.0)).chain([(0.0, 1.0)]);
+    around
+        .enumerate()
+        .map(|(i, (angle, away_m))| {
+            let target = AT + DVec3::new(12.0, -5.0, 5.0);
+            let eye = target + DVec3::new(away_m * angle.cos(), away_m * angle.sin(), 75.0);
+            View {
+                id: format!("{i}.jpg").as_str().into(),
+                camera: camera.clone(),
+                camera_from_map: Rigid::looking_at(eye, target),
+                image: Some(format!("{i}.jpg").into()),
+            }
+        })
+        .collect()
+}
+
+fn photo(view: &View, blocks: &[Block]) -> RgbImage {
+    let (eye, to_map) = (view.centre() - AT, view.camera_from_map.rotation.transpose());
+    RgbImage::from_fn(view.camera.width_px, view.camera.height_px, |x, y| {
+        let ray = view.camera.unproject(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).unwrap();
+        Rgb(colour(blocks, eye, to_map * ray))
+    })
+}
+
+fn records() -> Vec<BuildingRecord> {
+    let record = |(id, block): (&str, &Block)| {
+        let (a, b) = (AT + block.low, AT + block.high);
+        let footprint = polygon![(x: a.x, y: a.y), (x: b.x, y: a.y), (x: b.x, y: b.y), (x: a.x, y: b.y)];
+        BuildingRecord::measured(id, footprint, AT.z, block.high.z)
+    };
+    IDS.into_iter().zip(&[HOUSE, ANNEX, TOWER]).map(record).collect()
+}
+
+/// A town and its textures.
+struct Painted {
+    records: Vec<BuildingRecord>,
+    city: CitySurfaces,
+    textures: Textures,
+}
+
+impl Painted {
+    /// Bakes the town; `shows` are the blocks in each photo.
+    fn new(
+        records: Vec<BuildingRecord>,
+        shows: &(dyn Fn(&View) -> Result<RgbImage, String> + Sync),
+        choice: Choice,
+    ) -> Self {
+        let city = CitySurfaces::of(&records).unwrap();
+        let views = views();
+        let ground = Terrain::Constant(AT.z);
+        let reach = DVec2::splat(500.0);
+        let textures = bake(&TextureTask {
+            surfaces: &city.surfaces,
+            ground: LocalGround::new(&ground, LocalOrigin(AT), AT.truncate() - reach, AT.truncate() + reach),
+            origin: LocalOrigin(AT),
+            views: &views,
+            decode: shows,
+            texel_m: Some(0.2),
+            choice,
+        });
+        Self { records, city, textures }
+    }
+
+    fn plain() -> Self {
+        Self::new(records(), &|view| Ok(photo(view, &[HOUSE, ANNEX, TOWER])), Choice::Agreeing)
+    }
+
+    /// The wall of a building that looks along a direction.
+    fn wall(&self, building: usize, outwards: DVec3) -> (&Surface, &SurfaceTexture) {
+        let looks = |s: &Surface| (s.rings[0][1] - s.rings[0][0]).cross(s.rings[0][2] - s.rings[0][1]).normalize();
+        let is_it = |s: &Surface| s.building == building && s.kind == SurfaceKind::Wall && looks(s).dot(outwards) > 0.9;
+        let i = self.city.surfaces.iter().position(is_it).unwrap();
+        (&self.city.surfaces[i], &self.textures.surfaces[i])
+    }
+
+    /// Colour of a wall: shares along it (from its left end, seen from outside) and of its height.
+    fn colour_at(&self, texture: &SurfaceTexture, along: f64, up: f64) -> [u8; 3] {
+        let corners = &texture.uv[0];
+        let at = corners[0] + along * (corners[1] - corners[0]) + up * (corners[3] - corners[0]);
+        let page = image::load_from_memory(&self.textures.pages[texture.page.unwrap()].jpeg).unwrap().into_rgb8();
+        let pixel = at * DVec2::new(f64::from(page.width()), f64::from(page.height()));
+        page.get_pixel(pixel.x as u32, pixel.y as u32).0
+    }
+
+    fn model<'a>(&'a self, crs: &'a Crs, lineage: &'a Lineage, survey: &'a Survey) -> CityModel<'a> {
+        CityModel { records: &self.records, crs, lineage, issues: &[], survey }
+    }
+}
+
+/// Within what JPEG and a pixel of the photo mix.
+fn is_near(a: [u8; 3], b: [u8; 3]) -> bool {
+    a.iter().zip(b).all(|(a, b)| a.abs_diff(b) <= 12)
+}
+
+const SIDES: [(DVec3, usize); 4] = [(DVec3::NEG_X, 0), (DVec3::X, 1), (DVec3::NEG_Y, 2), (DVec3::Y, 3)];
+
+#[test]
+fn every_wall_has_its_colour_and_a_roof_has_no_wall_in_it() {
+    let town = Painted::plain();
+    for (building, (side, colour)) in (0..3).flat_map(|b| SIDES.map(|side| (b, side))) {
+        let (_, texture) = town.wall(building, side);
+        if texture.page.is_none() {
+            continue; // against a neighbour: another test
+        }
+        for (along, up) in [(0.5, 0.9), (0.1, 0.8), (0.9, 0.97), (0.5, 0.7)] {
+            let found = town.colour_at(texture, along, up);
+            assert!(is_near(found, WALLS[colour]), "{} {side}: {found:?} at {along} {up}", IDS[building]);
+        }
+    }
+    let roofs = town.textures.areas(&town.city.surfaces, SurfaceKind::Roof);
+    assert!(roofs.seen_share().unwrap() > 0.98, "{roofs:?}");
+    for (surface, texture) in town.city.surfaces.iter().zip(&town.textures.surfaces) {
+        if surface.kind == SurfaceKind::Roof {
+            for (along, up) in [(0.5, 0.5), (0.05, 0.05), (0.95, 0.9)] {
+                assert!(is_near(town.colour_at(texture, along, up), ROOF), "{along} {up}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_wall_behind_a_tower_is_painted_from_the_side_and_by_no_photo_that_shows_the_tower() {
+    let town = Painted::plain();
+    // Photo 6 looks from the south, over the tower: it would be the best one of the southern wall.
+    let south = |painted: &Painted| painted.wall(0, DVec3::NEG_Y).1.clone();
+    let best = Painted::new(records(), &|view| Ok(photo(view, &[HOUSE, ANNEX, TOWER])), Choice::BestPerSurface);
+    assert_eq!(south(&best).photo, Some(6));
+    let texture = south(&town);
+    assert!(matches!(texture.photo, Some(5 | 7)), "{:?}", texture.photo);
+    assert!(is_near(town.colour_at(&texture, 0.5, 0.5), WALLS[2]));
+}
+
+#[test]
+fn walls_against_a_neighbour_are_bare_and_counted_as_such() {
+    let town = Painted::plain();
+    let (_, annex) = town.wall(1, DVec3::NEG_X);
+    assert_eq!((annex.page, annex.photo), (None, None));
+    assert!((annex.areas.party_m2 - 70.0).abs() < 2.0 && annex.areas.plain_m2 == 0.0, "{:?}", annex.areas);
+    // The house is 5 m higher than the annex: that part is seen.
+    let (_, house) = town.wall(0, DVec3::X);
+    assert!((house.areas.party_m2 - 70.0).abs() < 3.0, "{:?}", house.areas);
+    assert!(house.page.is_some() && house.areas.seen_m2 > 40.0, "{:?}", house.areas);
+    assert!(is_near(town.colour_at(house, 0.5, 0.8), WALLS[1]));
+}
+
+#[test]
+fn what_stands_in_front_in_one_photo_is_not_painted_on_the_wall() {
+    // A lorry north of the house, in the photo that looks straight at its northern wall and in no other.
+    let lorry = Block { walls: [LEAVES; 4], top: LEAVES, ..house(8.0, 12.0, 12.0, 13.0, 6.0) };
+    let shows = |view: &View| {
+        let blocks = [HOUSE, ANNEX, TOWER, lorry];
+        Ok(photo(view, if view.id.0 == "2.jpg" { &blocks } else { &blocks[..3] }))
+    };
+    let at = |town: &Painted| town.colour_at(town.wall(0, DVec3::Y).1, 0.5, 0.25);
+    let plain = Painted::new(records(), &shows, Choice::BestPerSurface);
+    assert!(is_near(at(&plain), LEAVES), "the plain method paints it: {:?}", at(&plain));
+    let town = Painted::new(records(), &shows, Choice::Agreeing);
+    assert!(is_near(at(&town), WALLS[3]), "{:?}", at(&town));
+}
+
+#[test]
+fn a_wall_that_is_modelled_too_high_takes_no_colour_of_the_roof() {
+    // 0.6 m too high, and said to be within 0.6 m.
+    let mut records = records();
+    records[0].height_m = Some(12.6);
+    records[0].roof_sigma_m = Some(0.6);
+    let shows = |view: &View| Ok(photo(view, &[HOUSE, ANNEX, TOWER]));
+    let at = |town: &Painted| town.colour_at(town.wall(0, DVec3::Y).1, 0.5, 0.98);
+    let plain = Painted::new(records.clone(), &shows, Choice::BestPerSurface);
+    assert!(is_near(at(&plain), ROOF), "the plain method takes it: {:?}", at(&plain));
+    let town = Painted::new(records, &shows, Choice::Agreeing);
+    assert!(is_near(at(&town), WALLS[3]), "{:?}", at(&town));
+}
+
+#[test]
+fn a_photo_of_another_exposure_leaves_no_darker_walls() {
+    let shows = |view: &View| {
+        let mut photo = photo(view, &[HOUSE, ANNEX, TOWER]);
+        if view.id.0 == "2.jpg" {
+            photo.pixels_mut().for_each(|p| p.0 = p.0.map(|v| (f32::from(v) * 0.7) as u8));
+        }
+        Ok(photo)
+    };
+    let town = Painted::new(records(), &shows, Choice::Agreeing);
+    // All photos become a little darker together, none much.
+    let found = town.colour_at(town.wall(0, DVec3::Y).1, 0.5, 0.8).map(f32::from);
+    let share = found.iter().zip(WALLS[3]).map(|(a, b)| a / f32::from(b)).sum::<f32>() / 3.0;
+    assert!(share > 0.9 && share < 1.02, "{share}");
+}
+
+#[test]
+fn a_photo_that_is_missing_is_named_and_others_paint_its_walls() {
+    let shows = |view: &View| match view.id.0.as_str() {
+        "2.jpg" => Err("2.jpg: no such file".to_owned()),
+        _ => Ok(photo(view, &[HOUSE, ANNEX, TOWER])),
+    };
+    let town = Painted::new(records(), &shows, Choice::Agreeing);
+    let issue = town.textures.issues.iter().find(|issue| issue.code == "photo_unreadable").unwrap();
+    assert!(issue.subject.name() == "2.jpg" && issue.message.contains("no such file"), "{issue:?}");
+    let (_, north) = town.wall(0, DVec3::Y);
+    assert!(north.photo.is_some_and(|photo| photo != 2));
+    let none = Painted::new(records(), &|_| Err("gone".to_owned()), Choice::Agreeing);
+    let issue = none.textures.issues.iter().find(|issue| issue.code == "surfaces_without_photo").unwrap();
+    assert!(issue.message.starts_with("no photo shows 14 of 14"), "{issue:?}");
+    assert!(none.textures.pages.is_empty());
+}
+
+#[test]
+fn the_bytes_are_the_same_on_one_thread_and_on_several() {
+    let on = |n: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap();
+        pool.install(Painted::plain).textures
+    };
+    let (one, several) = (on(1), on(3));
+    assert_eq!(one.pages, several.pages);
+    assert_eq!(one.surfaces, several.surfaces);
+}
+
+fn write(folder: &Path, town: &Painted) {
+    let crs = Crs::parse("EPSG:25832").unwrap();
+    let lineage = Lineage { crs: "EPSG:25832".to_owned(), ..Lineage::default() };
+    let survey = Survey::default();
+    let model = town.model(&crs, &lineage, &survey);
+    let ground = TexturedGround {
+        picture: RgbImage::from_pixel(8, 8, Rgb(GROUND)),
+        bounds_m: [AT.x - 10.0, AT.y - 40.0, AT.x + 40.0, AT.y + 20.0],
+        n_nodes: [3, 2],
+        heights_m: vec![AT.z; 6],
+        photos: vec!["8.jpg".to_owned()],
+    };
+    let painted = PaintedCity { city: &town.city, textures: &town.textures, ground: Some(&ground) };
+    textured::write(folder, &model, &CityJsonConfig::default(), &painted, &Value::Null).unwrap();
+}
+
+#[test]
+fn the_written_cityjson_is_valid_and_its_textures_are_where_it_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("textured");
+    let town = Painted::plain();
+    write(&path, &town);
+    assert_valid_cityjson(&path.join("city.city.json"));
+    let city: Value = serde_json::from_slice(&std::fs::read(path.join("city.city.json")).unwrap()).unwrap();
+    let appearance = &city["appearance"];
+    let picture = appearance["textures"][0]["image"].as_str().unwrap();
+    let page = image::open(path.join(picture)).unwrap().into_rgb8();
+    let geometry = &city["CityObjects"]["house"]["geometry"][0];
+    let (faces, textures) = (&geometry["boundaries"][0], &geometry["texture"]["photos"]["values"][0]);
+    assert_eq!(faces.as_array().unwrap().len(), textures.as_array().unwrap().len());
+    // The northern wall, by its vertices; a place in its middle has its colour in the picture.
+    let scale = city["transform"]["scale"][1].as_f64().unwrap();
+    let north = |corner: &Value| {
+        let vertex = &city["vertices"][corner.as_u64().unwrap() as usize];
+        vertex[1].as_f64().unwrap() * scale + city["transform"]["translate"][1].as_f64().unwrap() - AT.y
+    };
+    let is_northern =
+        |face: &Value| face[0].as_array().unwrap().iter().all(|corner| (north(corner) - 10.0).abs() < 0.01);
+    let at = faces.as_array().unwrap().iter().position(is_northern).unwrap();
+    let ring = textures[at][0].as_array().unwrap();
+    assert_eq!((ring.len(), &ring[0]), (5, &0.into()));
+    let uv =
+        |i: &Value, axis: usize| appearance["vertices-texture"][i.as_u64().unwrap() as usize][axis].as_f64().unwrap();
+    let middle = [0, 1].map(|axis| ring[1..].iter().map(|i| uv(i, axis)).sum::<f64>() / 4.0);
+    let pixel = page
+        .get_pixel((middle[0] * f64::from(page.width())) as u32, ((1.0 - middle[1]) * f64::from(page.height())) as u32);
+    assert!(is_near(pixel.0, WALLS[3]), "{pixel:?}");
+    // The floor has none.
+    assert!(textures[0][0][0].is_null());
+}
+
+#[test]
+fn the_written_glb_has_a_node_per_building_and_the_validator_finds_nothing_wrong() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("textured");
+    write(&path, &Painted::plain());
+    let bytes = std::fs::read(path.join("city.glb")).unwrap();
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let json: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+    let nodes: BTreeMap<&str, &Value> =
+        json["nodes"].as_array().unwrap().iter().map(|node| (node["name"].as_str().unwrap(), node)).collect();
+    assert_eq!(nodes.keys().copied().collect::<Vec<_>>(), ["annex", "city", "ground", "house", "tower"]);
+    assert_eq!(nodes["house"]["extras"]["height_m"], 12.0);
+    assert_eq!(nodes["city"]["extras"]["origin_up_m"], AT.z);
+    // y is up: from the ground to the roof.
+    let mesh = &json["meshes"][nodes["tower"]["mesh"].as_u64().unwrap() as usize];
+    let top = mesh["primitives"].as_array().unwrap().iter().map(|primitive| {
+        let position = primitive["attributes"]["POSITION"].as_u64().unwrap() as usize;
+        json["accessors"][position]["max"][1].as_f64().unwrap()
+    });
+    assert_eq!(top.fold(0.0, f64::max), 30.0);
+    // Three boxes of twelve triangles, and four of the ground.
+    if let Some(n_triangles) = triangles_of_valid_gltf(&[path.join("city.glb")]) {
+        assert_eq!(n_triangles, 40);
+    }
+}
+
+#[test]
+fn a_city_without_photos_is_written_in_plain_colours() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("textured");
+    write(&path, &Painted::new(records(), &|_| Err("gone".to_owned()), Choice::Agreeing));
+    assert_valid_cityjson(&path.join("city.city.json"));
+    assert_eq!(std::fs::read_dir(path.join("appearance")).unwrap().count(), 0);
+    let _ = triangles_of_valid_gltf(&[path.join("city.glb")]);
+}
+
+#[test]
+fn a_finished_result_is_textured_afterwards_as_within_the_run() {
+    let scene = Scene::new();
+    // The scene has no photos: every wall is plain, and said to be.
+    let run = scene.run(&["--set", "output.textures.enabled=true"]);
+    assert!(run.code == 0 || run.code == 5, "{}", run.stderr);
+    assert_eq!(scene.issues("surfaces_without_photo").len(), 1);
+    let within = std::fs::read(scene.path("result/textured/city.city.json")).unwrap();
+    std::fs::remove_dir_all(scene.path("result/textured")).unwrap();
+    let after = scene.sizeup(&["texture", "result"]);
+    assert_eq!(after.code, 0, "{}", after.stderr);
+    assert!(after.stderr.contains("no photo shows") && after.stderr.contains("hint: "), "{}", after.stderr);
+    assert_eq!(std::fs::read(scene.path("result/textured/city.city.json")).unwrap(), within);
+    let coarse = scene.sizeup(&["texture", "result", "--set", "output.textures.texel_m=0"]);
+    assert!(coarse.code == 2 && coarse.stderr.contains("`texel_m` is 0: expected 0.01 to 10 m"), "{}", coarse.stderr);
+    // Results that are written without textures do not keep those of an earlier run.
+    let again = scene.run(&["--from", "output"]);
+    assert!(again.code == 0 || again.code == 5, "{}", again.stderr);
+    assert!(!scene.path("result/textured").exists());
+    let nowhere = scene.sizeup(&["texture", "elsewhere"]);
+    assert!(nowhere.code == 2 && nowhere.stderr.contains("elsewhere/config.toml"), "{}", nowhere.stderr);
+}
