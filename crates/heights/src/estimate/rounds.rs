@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use glam::DVec3;
 
 use super::beside::{Outlines, tallest_m};
-use super::doubts::{mark_small, mark_towers, mark_uncertain};
+use super::doubts::{mark_small, mark_towers};
 use super::parts::{PartId, Parts, without};
 use super::refinement::Refinement;
 use super::task::{Heights, MethodSettings, NamedCamera, Task};
@@ -144,7 +144,6 @@ impl Rounds<'_> {
         let unread_photos = self.refine(&mut scene, &mut parts, &mut solution);
         mark_towers(&scene, &mut solution);
         mark_small(&scene, &mut solution);
-        mark_uncertain(&mut solution);
         solution.level_off = level_off;
         let Parts { parts, splits } = parts;
         Heights { parts, solution, splits, joined: joined.into_iter().collect(), layer_shift, unread_photos }

@@ -2,8 +2,6 @@
 
 mod neighbours;
 mod towers;
-mod uncertain;
 
 pub(super) use neighbours::mark_small;
 pub(super) use towers::mark_towers;
-pub(super) use uncertain::mark_uncertain;

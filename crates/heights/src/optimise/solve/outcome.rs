@@ -10,8 +10,8 @@ use crate::optimise::solution::{Doubts, Reason, Solution, SolvedHeight};
 
 /// A flat sum of correlations over the tried heights below which the score says nothing.
 const FLAT_SCORE: f64 = 0.02;
-/// A standard error over views above which heights are searched for again, metres.
-const CONFLICTING_M: f64 = 0.8;
+/// A standard error over views above which a height is doubtful, metres.
+const DOUBTFUL_SPREAD_M: f64 = 0.8;
 /// A score below which no height explains the priors, and the same where a single view has a say. Of 315 simulated buildings
 /// under 8 or 14 photos, half of the 21 below were off by more than 7 m, half of those above by less than 1.1 m.
 const HOPELESS_SCORE: f64 = 0.2;
@@ -122,6 +122,9 @@ impl SolverState<'_> {
             reasons.push(Reason::FlatScore);
         }
         let spread_m = finding.and_then(|f| f.sigma_m);
+        if finding.is_some_and(is_conflicting) {
+            reasons.push(Reason::ConflictingViews);
+        }
         if finding.is_some_and(|f| is_outdone(f, height_m)) {
             reasons.push(Reason::OtherHeight);
         }
@@ -175,7 +178,7 @@ pub(super) fn is_hopeless(finding: &Finding) -> bool {
 
 /// Whether the views' heights are far apart.
 fn is_conflicting(finding: &Finding) -> bool {
-    finding.sigma_m.is_some_and(|spread_m| spread_m > CONFLICTING_M)
+    finding.sigma_m.is_some_and(|spread_m| spread_m > DOUBTFUL_SPREAD_M)
 }
 
 /// Whether another height than this has a better score in the whole range.
