@@ -33,7 +33,8 @@ pub(super) fn run(args: &TextureArgs, global: &Global) -> Result<u8, Failure> {
     config.limits.set();
     config.project.output.clone_from(&args.result);
     warn_of_unfinished(&args.result, global);
-    let (summary, issues) = pipeline::texture(&RunSettings::of(&config)).map_err(|e| Failure::new(e.exit_code(), &e))?;
+    let (summary, issues) =
+        pipeline::texture(&RunSettings::of(&config)).map_err(|e| Failure::new(e.exit_code(), &e))?;
     let ui = Ui::new(global);
     for issue in &issues {
         let hint = issue.hint.as_ref().map_or_else(String::new, |hint| format!("\n  hint: {hint}"));

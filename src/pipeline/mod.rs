@@ -57,6 +57,7 @@ pub use look::look;
 pub use photo_ground::PhotoGround;
 pub use poses::terrain_around;
 pub use priors::{PriorsDone, Wanted, compute_priors};
+pub use records::reviews_of;
 pub use report::{photos_for_city_report, write_city_report};
 pub use run_settings::RunSettings;
 pub use scene::terrain_of_heights;
@@ -65,7 +66,6 @@ pub use settings::{
     RecordSettings, SceneSettings, SurveySettings,
 };
 pub use stage_data::{FootprintStage, HeightStage};
-pub use stages::reviews_of;
 pub use textures::{BuildingTexture, TextureScene, TextureSummary, texture};
 pub use tile::{CityPart, PartHashes, PartHeights, find_footprints, footprints_around, layer_of, refused_records};
 

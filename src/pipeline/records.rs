@@ -4,15 +4,23 @@ use glam::DVec2;
 
 use super::photo_ground::GroundCorrection;
 use super::settings::RecordSettings;
-use super::{FootprintStage, HeightStage};
+use super::{FootprintStage, HeightStage, PipelineError};
 use crate::config::FootprintPlace;
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::optimise::{FootprintShift, LayerShift, Reason, Roof, SolvedHeight, Terrace};
 use sizeup_heights::scene::HeightBounds;
-use sizeup_results::output::reviews::Reviews;
+use sizeup_results::output::reviews::{Reviews, ReviewsConfig};
 use sizeup_results::output::{BuildingRecord, HeightReference, RoofShape, Status};
 use sizeup_results::output::{fallback, party_walls};
 use sizeup_survey::Survey;
+
+/// Reads the decisions of people about single buildings; first, so that a bad file is reported before hours of computing.
+///
+/// # Errors
+/// [`PipelineError::Reviews`].
+pub fn reviews_of(settings: Option<&ReviewsConfig>) -> Result<Reviews, PipelineError> {
+    Ok(settings.map(|reviews| Reviews::read(&reviews.path)).transpose()?.unwrap_or_default())
+}
 
 /// Every building of the input, footprints first, in the layer's order. What people decided counts for more than what was
 /// found; heights that are not known then come from the fallback, if one is chosen, within the bounds of heights. Party walls are

@@ -9,7 +9,7 @@ use super::input::{check_fallback, check_settings, unseen};
 use super::issues::all_issues;
 use super::kept::PriorStore;
 use super::lineage::lineage;
-use super::records::records;
+use super::records::{records, reviews_of};
 use super::scene::SceneStage;
 use super::settings::OutputSettings;
 use super::textures;
@@ -23,7 +23,7 @@ use sizeup_geo::terrain::Terrain;
 use sizeup_geo::unfinished::Unfinished;
 use sizeup_results::output::plausible::CityDoubts;
 use sizeup_results::output::reports::write_issues;
-use sizeup_results::output::reviews::{Reviews, ReviewsConfig};
+use sizeup_results::output::reviews::Reviews;
 use sizeup_results::output::unmeasured::unmeasured;
 use sizeup_results::output::{BuildingRecord, CityModel, StatusCount, cityjson, geopackage};
 use sizeup_survey::{Survey, ViewKind};
@@ -198,14 +198,6 @@ fn sum_up_without_heights(
 fn beside_results(folder: ResultFolder<'_>, until: Stage, name: &str) -> PathBuf {
     let has_results = || folder.join("summary.json").is_file();
     if until < Stage::Output && has_results() { Path::new("stages").join(name) } else { name.into() }
-}
-
-/// Reads the decisions of people about single buildings; first, so that a bad file is reported before hours of computing.
-///
-/// # Errors
-/// [`PipelineError::Reviews`].
-pub fn reviews_of(settings: Option<&ReviewsConfig>) -> Result<Reviews, PipelineError> {
-    Ok(settings.map(|reviews| Reviews::read(&reviews.path)).transpose()?.unwrap_or_default())
 }
 
 fn summary_of_survey(settings: &RunSettings<'_>, survey: &Survey) -> RunSummary {

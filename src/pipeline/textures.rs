@@ -8,10 +8,9 @@ use serde::Serialize;
 
 use super::heights::moved;
 use super::input::check_settings;
-use super::records::records;
+use super::records::{records, reviews_of};
 use super::scene::SceneStage;
 use super::settings::OutputSettings;
-use super::stages::reviews_of;
 use super::{FootprintStage, PipelineError, RunSettings, Stage, backdrop};
 use crate::config::{FootprintPlace, OutputConfig};
 use sizeup_geo::files::FileError;

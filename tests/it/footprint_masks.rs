@@ -262,7 +262,7 @@ fn a_cadastre_keeps_its_ids_and_changes_are_told() {
             ("K4", house(900.0, 900.0, 10.0, 8.0)), // where nobody looks
         ],
     );
-    let text = format!("{INSTANCES}\n[cadastre.layer]\npath = 'cadastre.geojson'\nid_field = 'key'");
+    let text = format!("{INSTANCES}\n[cadastre]\npath = 'cadastre.geojson'\nid_field = 'key'");
     let found = find(&source_of(folder.path(), &text), &views, &GROUND).unwrap();
     let of = |id: &str| found.layer.footprints.iter().find(|f| f.id.0 == id).expect(id);
     assert_eq!(of("K1").attributes["street"], "at K1");

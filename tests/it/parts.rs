@@ -111,7 +111,7 @@ fn a_city_streamed_from_a_file_is_the_city_in_memory() {
         let streamed = RecordFile::open(&at(source), ReadOptions::default()).unwrap();
         let read = FoundBuildings::read(&at(source), &ReadOptions::default()).unwrap().to_records();
         let lineage = streamed.lineage().unwrap();
-        assert_eq!(lineage.config_sha256, town.lineage.config_sha256, "{source}");
+        assert_eq!(lineage.vertical_reference, town.lineage.vertical_reference, "{source}");
         let model =
             CityModel { records: &streamed, crs: &town.crs, lineage: &town.lineage, issues: &[], survey: &town.survey };
         let in_memory = CityModel { records: read.as_slice(), ..town.model() };

@@ -24,16 +24,10 @@ use crate::stats;
 const MIN_RAYS: usize = 12;
 /// Residual variance, relative to the window's, below which a view is flat and has no vote.
 const FLAT: f64 = 1e-9;
-/// Height from which something that stands out from the ground around a building is not in the scene, metres, and the same in
-/// standard deviations of the prior on open ground: the greater one counts.
-const UNMODELLED_M: f64 = 3.0;
+/// Height from which something that stands out from the ground around a building is not in the scene.
+pub(super) const UNMODELLED_M: f64 = 3.0;
+/// The same in standard deviations of the prior on open ground.
 const UNMODELLED_SIGMAS: f64 = 3.0;
-/// The same among clutter: hedges, cars and sheds raise the ground that a roof is compared with. Mean errors fall by it from .94 m to
-/// CLUTTERED over a LiDAR surface with trees.
-const CLUTTER_M: f64 = 1.0;
-const CLUTTER_SIGMAS: f64 = 1.5;
-/// Share of the ground around a building that stands out so far where there is clutter: of noise 7 % does.
-const MIN_CLUTTER: f64 = 0.2;
 
 /// One building in one view.
 #[derive(Debug)]
@@ -262,10 +256,7 @@ fn leave_out_unmodelled(
     let mut is_own = within(own);
     let around: Vec<f64> = rays.iter().filter(|&&r| !is_own(r)).map(|&r| excess_m(r)).collect();
     let Some((level, sigma)) = far_side(&mut around.clone()) else { return 0.0 };
-    let among_clutter = level + (CLUTTER_SIGMAS * sigma).max(CLUTTER_M);
-    let n_clutter = around.iter().filter(|excess| **excess > among_clutter).count();
-    let is_cluttered = n_clutter as f64 > MIN_CLUTTER * around.len() as f64;
-    let limit = if is_cluttered { among_clutter } else { level + (UNMODELLED_SIGMAS * sigma).max(UNMODELLED_M) };
+    let limit = level + (UNMODELLED_SIGMAS * sigma).max(UNMODELLED_M);
     let n_before = rays.len();
     // The building's own rays are left alone.
     let (mut is_own, mut of_around) = (within(own), around.iter());

@@ -3,18 +3,15 @@
 //! ```text
 //! s                     prior's z-depth along a ray,   G: the ground's,   d_z < 0: height per metre of z-depth
 //! above(s) = (s − G) · d_z
-//! nothing of the scene: above(s) > MARGIN_M, and s in no [enter, leave] of a footprint, widened by MARGIN_M
+//! nothing of the scene: above(s) > UNMODELLED_M, and s in no [enter, leave] of a footprint, widened by UNMODELLED_M
 //! ```
 //!
 //! Such a ray tells nothing of any roof, wherever it passes over the building that is asked for: were it kept, a building grown
 //! tall enough to stand in its way would explain it better than the ground does.
 
 use super::evidence::Evidence;
-use super::score::within;
+use super::score::{UNMODELLED_M, within};
 use crate::render::profile::Profiles;
-
-/// Errors of depths that photos matched with each other give near edges, metres: less is not told from the ground or from a wall.
-const MARGIN_M: f32 = 3.0;
 
 /// Leaves out rays that show something the scene does not have; says which share of those around the building's `own` ones
 /// that was, 0..1. Both lists ascend.
@@ -34,7 +31,8 @@ pub(super) fn leave_out(evidence: &Evidence<'_>, own: &[u32], rays: &mut Vec<u32
 
 /// Whether a ray that ends at a z-depth, metres, does so above the ground outside of all footprints that it crosses.
 fn shows_unmodelled(profiles: &Profiles, ray: usize, depth: f32) -> bool {
+    let margin_m = UNMODELLED_M as f32;
     let above_m = (depth - profiles.rays[ray].ground) * profiles.rays[ray].dz;
-    let is_over = |enter: f32, leave: f32| depth > enter - MARGIN_M && depth < leave + MARGIN_M;
-    above_m > MARGIN_M && !profiles.intervals(ray).iter().any(|c| is_over(c.enter, c.leave))
+    let is_over = |enter: f32, leave: f32| depth > enter - margin_m && depth < leave + margin_m;
+    above_m > margin_m && !profiles.intervals(ray).iter().any(|c| is_over(c.enter, c.leave))
 }

@@ -11,11 +11,9 @@ use super::chart::Chart;
 use super::paint::Painted;
 use super::scene::SurfaceScene;
 
-/// Greatest side of a page, pixels: what every graphics card takes (WebGL 2 promises 2048, 99 % of devices take 4096 and more by
-/// web3dsurvey.com).
+/// Greatest side of a page, pixels: twice what WebGL 2 promises; a first choice.
 pub(super) const MOST_SIDE_PX: u32 = 4096;
-/// Sides of pages are multiples of this, pixels, and their area so much more than that of their pictures: packed so, some nine
-/// tenths of the pages of a simulated town are used.
+/// Sides of pages are multiples of this, pixels, and their area so much more than that of their pictures; a first choice.
 const SIDE_STEP_PX: u32 = 256;
 const ROOM: f64 = 1.1;
 /// Quality of the JPEG, 1 to 100: photos come at 85 to 95, and textures are not edited any more.

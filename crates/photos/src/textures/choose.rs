@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use super::views::Candidate;
 use super::{Choice, Surface};
 
-/// Gain in worth of a photo that all surfaces beside one have too, as a share.
+/// Gain in worth of a photo that all surfaces beside one have too, as a share; a first choice.
 const SAME_PHOTO: f64 = 0.15;
-/// Rounds over the surfaces of a building; three change nothing more on almost all.
+/// Rounds over the surfaces of a building; a first choice.
 const N_ROUNDS: usize = 4;
 
 /// Position of the chosen candidate for each surface; 0 where there is none.

@@ -13,7 +13,7 @@ use super::warp::shared;
 
 /// Weight of a gain's own size, in shared cells: small beside the cells of one wall.
 const OWN_WEIGHT: f64 = 1.0;
-/// Sweeps of Gauss and Seidel's method: twenty change no gain of 60 photos of a simulated town by a thousandth any more.
+/// Sweeps of Gauss and Seidel's method; a first choice.
 const N_SWEEPS: usize = 50;
 /// Darkest cell that is compared, of 255: below it the logarithm is noise.
 const DARKEST: f32 = 8.0;
