@@ -109,7 +109,7 @@ pub struct Doubts {
 /// seeds 31 and 32 and the western half of Rotterdam; that of a pixel of priors in metres is older. That of the height was fitted
 /// then, with the others as they are, to these and four more downtowns (seeds 33 to 36; 2,871 buildings): without it, of the 116 that
 /// are 40 m high and more 64 % lay within two. That of unexplained relief was raised from 0.6 m afterwards: two of them covered 87 % of
-/// the roofs of Rotterdam, west, and 71 % of those of a LiDAR surface with trees, then 93 and 87 %; of Rotterdam, east, which was not
+/// the roofs of Rotterdam, west, and 71 % of those of a laser surface with trees, then 93 and 87 %; of Rotterdam, east, which was not
 /// looked at for it, 89 and then 94 %.
 const VIEWS_SHARE: f64 = 0.8;
 const PIXEL_SHARE: f64 = 0.1;

@@ -78,6 +78,7 @@ pub struct FilePriorConfig {
     /// How far the shape may be off the photo's, pixels of the prior. 1 covers rounding; 7 covers networks that round
     /// sides to a multiple of 14. At least 0.
     #[serde(default = "one")]
+    #[schemars(extend("x-expert" = true))]
     pub aspect_tolerance_px: f64,
 }
 
