@@ -231,7 +231,7 @@ mod tests {
     use crate::estimate::refinement::Refinement;
     use crate::estimate::task::{Building, NamedCamera, Photos};
     use crate::frames::Rigid;
-    use crate::optimise::EpochRecord;
+    use crate::optimise::{Doubts, EpochRecord};
     use crate::picture::PosedCamera;
     use crate::scene::{HeightBounds, HeightReference};
     use crate::terrain::{GroundLevel, Terrain};
@@ -301,6 +301,7 @@ mod tests {
             height_m: Some(prior_m),
             roof: Some(Roof::flat(prior_m)),
             sigma_m: Some(1.0),
+            doubts: Doubts { views_m: 1.0, ..Doubts::default() },
             ..SolvedHeight::default()
         };
         let pass = EpochRecord {

@@ -426,9 +426,16 @@ mod tests {
         assert!(of(&[(10.0, 0.8)]) == 0.0);
     }
 
+    /// Doubts that add up to a standard deviation, metres: views that differ.
+    fn doubts_of(sigma_m: f64) -> Doubts {
+        let of_a_metre = Doubts { views_m: 1.0, ..Doubts::default() };
+        Doubts { views_m: sigma_m / of_a_metre.sigma_m(), ..of_a_metre }
+    }
+
     fn solved(height_m: f64, sigma_m: f64) -> SolvedHeight {
         let roof = Some(Roof::flat(height_m));
-        SolvedHeight { height_m: Some(height_m), roof, sigma_m: Some(sigma_m), ..SolvedHeight::default() }
+        let doubts = doubts_of(sigma_m);
+        SolvedHeight { height_m: Some(height_m), roof, sigma_m: Some(sigma_m), doubts, ..SolvedHeight::default() }
     }
 
     /// Photos that look alike most so far above a roof of 10 m, and find this share of its places there.
