@@ -276,6 +276,7 @@ fn over_a_terrain_that_is_3_m_off_heights_and_status_are_as_over_the_right_one()
 }
 
 #[test]
+#[ignore = "slow: make test-slow"]
 fn a_wrong_terrain_is_corrected_in_tiles_as_in_one_piece() {
     let scene = TOWN.path();
     // The roofs do not matter here.
@@ -360,6 +361,7 @@ fn real_photos_are_good_ones_until_they_are_blurred() {
 
 /// A town photographed straight down only: 30 overlapping photos of a grid, poses good to 0.05 m and 0.05°.
 #[test]
+#[ignore = "slow: make test-slow"]
 fn photos_that_look_straight_down_give_heights_by_stereo_with_an_honest_sigma() {
     let folder = town(|config| {
         config.town.n_buildings = 16;

@@ -272,6 +272,7 @@ fn edits_at_random_run_the_tiles_that_they_touch_and_come_to_what_a_run_from_not
 }
 
 #[test]
+#[ignore = "slow: make test-slow"]
 fn edits_of_all_kinds_run_the_tiles_that_they_touch_and_come_to_what_a_run_from_nothing_does() {
     edits_run_what_they_touch(46, (0..13).collect());
 }
