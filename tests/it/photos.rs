@@ -361,7 +361,6 @@ fn real_photos_are_good_ones_until_they_are_blurred() {
 
 /// A town photographed straight down only: 30 overlapping photos of a grid, poses good to 0.05 m and 0.05°.
 #[test]
-#[ignore = "slow: make test-slow"]
 fn photos_that_look_straight_down_give_heights_by_stereo_with_an_honest_sigma() {
     let folder = town(|config| {
         config.town.n_buildings = 16;

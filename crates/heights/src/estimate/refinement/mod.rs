@@ -164,7 +164,7 @@ fn believed(
     if roof.eave_m <= 0.0 || of_priors_m.is_some_and(|of_priors_m| sigma_m >= of_priors_m) {
         return None;
     }
-    let parted = solved.roof.zip(solved.sigma_m).map_or(1.0, |(before, _)| {
+    let parted = solved.roof.filter(|_| solved.sigma_m.is_some()).map_or(1.0, |before| {
         parted(roof.mean_m - before.mean_m, sigma_m.hypot(solved.doubts.sigma_beside_photos_m()))
     });
     Some((roof, sigma_m * parted))
@@ -178,7 +178,7 @@ fn weighed(
     around_m: f64,
     settings: &RefinementConfig,
 ) -> Option<(Roof, f64)> {
-    let (before, _) = solved.roof.zip(solved.sigma_m)?;
+    let before = solved.roof.filter(|_| solved.sigma_m.is_some())?;
     let of_priors_m = solved.doubts.sigma_beside_photos_m();
     let share = found.agreement.known * found.agreement.same;
     // Of priors that know so little, the photos were asked for a small part of what may be.

@@ -10,7 +10,7 @@
 //! `torch.median`), so that a is one pixel and b is one pixel whatever the count. Of pixels that share the median's
 //! depth the first is taken. At fixed pixels the derivative is exact; as an estimate of how the scale of *all* pixels
 //! changes it is inconsistent (Hong, Oper. Res. 57:118, 2009: one pixel's motion stands for the whole view's). That is
-//! why the scale is held fixed unless `optimise.ordinal.mad_gradient = "exact"`.
+//! why the scale is held fixed unless `OrdinalConfig::mad_gradient` is `Exact`.
 
 use super::HeightSlope;
 use super::interior::roof_motion;
