@@ -205,7 +205,7 @@ fn textures_are_nearer_to_photos_left_out_than_the_best_photo_of_each_surface() 
     // The aims of a town without depth errors, however small its photos.
     assert!(of("agreeing", "ssim") > 0.75 && of("agreeing", "psnr_db") > 22.0, "{table:#}");
     let markdown = fs::read_to_string(folder.path().join("textures.md")).unwrap();
-    assert!(markdown.contains("| village | `agreeing` |"), "{markdown}");
-    assert!(folder.path().join("pictures/village-agreeing.png").is_file());
-    assert!(!folder.path().join("scenes/village").exists(), "scenes are not kept unless asked for");
+    assert!(markdown.contains("| district | `agreeing` |"), "{markdown}");
+    assert!(folder.path().join("pictures/district-agreeing.png").is_file());
+    assert!(!folder.path().join("scenes/district").exists(), "scenes are not kept unless asked for");
 }
