@@ -217,3 +217,46 @@ fn of_a_building_that_the_layer_has_twice_the_first_is_measured_and_the_other_re
     assert_eq!(scene.issues("footprint_duplicate").len(), 2);
     assert!(scene.issues("footprint_overlap").is_empty());
 }
+
+/// A prior's file with each value changed, from the least as 0 to the greatest as 1.
+fn bent(file: &[u8], change: fn(f32) -> f32) -> Vec<u8> {
+    let (header, data) = file.split_at(10 + usize::from(u16::from_le_bytes([file[8], file[9]])));
+    let values: Vec<f32> = data.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    let finite = || values.iter().copied().filter(|value| value.is_finite());
+    let (low, high) = (finite().fold(f32::MAX, f32::min), finite().fold(f32::MIN, f32::max));
+    let changed = values.iter().flat_map(|value| change((value - low) / (high - low)).to_le_bytes());
+    header.iter().copied().chain(changed).collect()
+}
+
+#[test]
+fn a_rising_change_of_the_priors_moves_heights_by_no_more_than_their_own_errors() {
+    let scene = town(TownKind::Village, 5, PriorLevel::Mid, 30);
+    let config = fs::read_to_string(scene.path("sizeup.toml")).unwrap();
+    assert!(config.contains("kind = \"inverse_depth\""), "{config}");
+    let truth = scene.json("truth.geojson");
+    let true_height_m = |id: &str| {
+        let mut features = truth["features"].as_array().unwrap().iter().map(|feature| &feature["properties"]);
+        features.find(|of| of["id"] == id)?["height_m"].as_f64()
+    };
+    let paths = scene.stems().into_iter().map(|stem| scene.path(&format!("priors/{stem}.npy")));
+    let priors: Vec<_> = paths.map(|path| (fs::read(&path).unwrap(), path)).collect();
+    let changes: [(&str, fn(f32) -> f32); 3] = [("as it is", |x| x), ("root", f32::sqrt), ("square", |x| x * x)];
+    for preset in ["robust", "paper"] {
+        let mut errors_m = Vec::new();
+        for (name, change) in changes {
+            priors.iter().for_each(|(file, path)| fs::write(path, bent(file, change)).unwrap());
+            let set = format!("optimise.preset={preset}");
+            let outcome = scene.run(&[&PLAIN[..], &["--set", &set]].concat());
+            assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
+            let found = buildings(&scene);
+            let errors = found.iter().filter_map(|(id, found)| Some(found["height_m"].as_f64()? - true_height_m(id)?));
+            let errors: Vec<f64> = errors.map(f64::abs).collect();
+            assert!(errors.len() >= 18, "{preset}, {name}: {} heights", errors.len());
+            errors_m.push(errors.iter().sum::<f64>() / errors.len() as f64);
+        }
+        println!("{preset}: {errors_m:.2?}");
+        let (as_it_is, changed) = errors_m.split_first().unwrap();
+        // Errors of a mean over twenty buildings.
+        assert!(changed.iter().all(|error| *error < *as_it_is + 0.2), "{preset}: {errors_m:.2?}");
+    }
+}

@@ -115,7 +115,7 @@ pub(super) fn robust_line(samples: &[(f64, f64)]) -> Option<Calibration> {
 }
 
 /// The line `p = offset + gain · v` of least weighted squares.
-fn weighted_line(samples: &[(f64, f64)], weight: impl Fn(&(f64, f64)) -> f64) -> Option<Calibration> {
+pub(super) fn weighted_line(samples: &[(f64, f64)], weight: impl Fn(&(f64, f64)) -> f64) -> Option<Calibration> {
     let (mut w, mut wv, mut wp) = (0.0, 0.0, 0.0);
     let weights: Vec<f64> = samples.iter().map(weight).collect();
     for (&(v, p), &k) in samples.iter().zip(&weights) {
