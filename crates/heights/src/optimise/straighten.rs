@@ -81,7 +81,7 @@ pub struct GroundFits {
     shifted_share: Option<f64>,
     /// How far the prior's curve bends off a line, see [`Polyline::bend`].
     bend: Option<f64>,
-    /// That curve.
+    /// Curve of the prior along the ground.
     bent: Option<GroundCurve>,
 }
 
