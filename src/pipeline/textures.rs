@@ -138,6 +138,7 @@ impl TextureScene {
             decode: &decode,
             texel_m,
             choice,
+            groups: &self.city.tile_of,
         })
     }
 }
@@ -166,6 +167,9 @@ pub struct BuildingTexture {
     pub areas: TexturedArea,
     /// Names of the photos that paint most of a surface, the one of most surfaces first.
     pub photos: Vec<String>,
+    /// Tile of it in 3D Tiles that are made of the folder.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tile: Option<String>,
 }
 
 impl TextureSummary {
@@ -176,7 +180,9 @@ impl TextureSummary {
         let mut photos: BTreeMap<&str, BTreeMap<usize, usize>> = BTreeMap::new();
         for (surface, texture) in scene.surfaces.iter().zip(&textures.surfaces) {
             let id = scene.records[surface.building].id.as_str();
-            buildings.entry(id.to_owned()).or_default().areas.add(&texture.areas);
+            let building = buildings.entry(id.to_owned()).or_default();
+            building.areas.add(&texture.areas);
+            building.tile = scene.city.tile(surface.building).map(str::to_owned);
             if let Some(photo) = texture.photo {
                 *photos.entry(id).or_default().entry(photo).or_default() += 1;
             }

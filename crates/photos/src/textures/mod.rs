@@ -28,6 +28,7 @@
 mod atlas;
 mod chart;
 mod choose;
+mod eave;
 mod gains;
 mod paint;
 mod render;
@@ -121,6 +122,8 @@ pub struct TextureTask<'a> {
     pub texel_m: Option<f64>,
     /// Choice of photos.
     pub choice: Choice,
+    /// Group of each building, by its position among all: a page has the surfaces of one group. Empty: all are one group.
+    pub groups: &'a [usize],
 }
 
 /// The texture of a surface.
@@ -225,7 +228,7 @@ pub fn bake(task: &TextureTask<'_>) -> Textures {
             paint::paint(chart.as_ref()?, &palette, task.choice)
         })
         .collect();
-    let atlas = atlas::pack(task.surfaces, &charts, &painted);
+    let atlas = atlas::pack(task, &charts, &painted);
     let plain = plain_colours(task.surfaces, &painted);
     let surfaces: Vec<SurfaceTexture> = (0..task.surfaces.len())
         .map(|i| {
