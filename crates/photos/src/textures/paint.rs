@@ -167,11 +167,15 @@ fn colour(
         };
         let (nx, ny) = (beside(dx, cx, chart.cells_size.x), beside(dy, cy, chart.cells_size.y));
         let at = |x: Option<u32>, y: Option<u32>| painters[(y? * chart.cells_size.x + x?) as usize];
+        let around = [at(nx, Some(cy)), at(Some(cx), ny), at(nx, ny)];
+        if around.iter().all(|painter| *painter == own) {
+            return own.and_then(of).map_or([0.0; 3], |colour| colour.map(|v| v.min(255.0)));
+        }
         let (wx, wy) = (dx.abs(), dy.abs());
         add(own, (1.0 - wx) * (1.0 - wy));
-        add(at(nx, Some(cy)), wx * (1.0 - wy));
-        add(at(Some(cx), ny), (1.0 - wx) * wy);
-        add(at(nx, ny), wx * wy);
+        add(around[0], wx * (1.0 - wy));
+        add(around[1], (1.0 - wx) * wy);
+        add(around[2], wx * wy);
     }
     sum.map(|v| (v / total.max(f32::MIN_POSITIVE)).min(255.0))
 }
