@@ -13,8 +13,8 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::grid::{OutputGrid, SCALE_M};
-use super::prism::{FaceKind, GridFace, MIN_THICKNESS_M, SnappedPrism};
 use super::picture::colour::Rgb;
+use super::prism::{FaceKind, GridFace, MIN_THICKNESS_M, SnappedPrism};
 use super::roof_solid::{self, Detail};
 use super::textured::{FacePaint, TexturedCity};
 use super::triangles::keeping_corners;
@@ -66,7 +66,7 @@ pub fn write_textured_obj<R: Records + ?Sized>(
     let grid = Overview::of(model.records)?.grid(SCALE_M)?;
     let (mut pages, mut colours) = (BTreeSet::new(), BTreeSet::new());
     model.records.visit(&mut |record| {
-        let solid = PaintedSolid::of(record, &grid, textured);
+        let solid = PaintedSolid::of(record, &grid, textured)?;
         for paint in solid.map(|solid| solid.paints).into_iter().flatten() {
             match paint {
                 FacePaint::Picture { page, .. } => pages.insert(page),
@@ -82,9 +82,8 @@ pub fn write_textured_obj<R: Records + ?Sized>(
         let bytes = fs::read(from).map_err(FileError::on("cannot read", from))?;
         write_whole_unflushed(&folder.join(picture_name(*page)), |out| out.write_all(&bytes))?;
     }
-    let of_page = |page: &usize| {
-        format!("newmtl photos-{page}\nKd 1 1 1\nmap_Kd {stem}-textures/{}\n", picture_name(*page))
-    };
+    let of_page =
+        |page: &usize| format!("newmtl photos-{page}\nKd 1 1 1\nmap_Kd {stem}-textures/{}\n", picture_name(*page));
     let of_colour = |colour: &Rgb| {
         let [r, g, b] = colour.map(|v| f64::from(v) / 255.0);
         format!("newmtl {}\nKd {r:.4} {g:.4} {b:.4}\n", plain_name(*colour))
@@ -124,9 +123,11 @@ fn write_any_obj<R: Records + ?Sized>(
         }
         let (mut n_before, mut n_places) = (0, 0);
         model.records.visit(&mut |record| {
-            let painted = textured.and_then(|(textured, _)| PaintedSolid::of(record, &grid, textured));
-            match (painted, TriangleSolid::of(record, &grid)) {
-                (Some(painted), _) => painted_obj(out, &record.id, &painted, [&mut n_before, &mut n_places]).map_err(failed),
+            let painted = textured.map(|(textured, _)| PaintedSolid::of(record, &grid, textured)).transpose()?;
+            match (painted.flatten(), TriangleSolid::of(record, &grid)) {
+                (Some(painted), _) => {
+                    painted_obj(out, &record.id, &painted, [&mut n_before, &mut n_places]).map_err(failed)
+                }
                 (None, Some(solid)) => obj(out, &record.id, &solid, &mut n_before).map_err(failed),
                 (None, None) => Ok(()),
             }
@@ -142,10 +143,9 @@ struct PaintedSolid {
 }
 
 impl PaintedSolid {
-    fn of(record: &BuildingRecord, grid: &OutputGrid, textured: &TexturedCity) -> Option<Self> {
-        let block = SnappedPrism::of(record, grid, MIN_THICKNESS_M).ok()?;
-        let (faces, paints) = textured.solid(&record.id, &block, grid)?;
-        Some(Self { faces, paints })
+    fn of(record: &BuildingRecord, grid: &OutputGrid, textured: &TexturedCity) -> Result<Option<Self>, OutputError> {
+        let Ok(block) = SnappedPrism::of(record, grid, MIN_THICKNESS_M) else { return Ok(None) };
+        Ok(textured.solid(&record.id, &block, grid)?.map(|(faces, paints)| Self { faces, paints }))
     }
 }
 
@@ -186,9 +186,9 @@ fn painted_obj(
         }
         let corners: HashMap<[i64; 3], usize> = face.rings.iter().flatten().copied().zip(*n_places + 1..).collect();
         for triangle in triangles_of(face) {
-            let corner = |corner: [i64; 3]| match places.is_empty() {
-                true => numbers[&corner].to_string(),
-                false => format!("{}/{}", numbers[&corner], corners[&corner]),
+            let corner = |corner: [i64; 3]| {
+                let place = if places.is_empty() { String::new() } else { format!("/{}", corners[&corner]) };
+                format!("{}{place}", numbers[&corner])
             };
             let [a, b, c] = triangle.map(corner);
             writeln!(out, "f {a} {b} {c}")?;

@@ -10,8 +10,8 @@ use serde_json::{Value, json};
 
 use super::super::attributes;
 use super::super::facts::SolidFacts;
-use super::super::prism::{FaceKind, MIN_THICKNESS_M};
 use super::super::palette::Palette;
+use super::super::prism::{FaceKind, MIN_THICKNESS_M};
 use super::super::tiles3d::glb::{Buffers, container};
 use super::super::triangles;
 use super::super::{BuildingRecord, CityModel};

@@ -44,7 +44,8 @@ use sizeup_photos::textures::{Surface, SurfaceKind, SurfaceTexture, Textures};
 pub const FOLDER: &str = "textured";
 const CITY: &str = "city.city.json";
 const GLB: &str = "city.glb";
-const SUMMARY: &str = "textures.json";
+/// Name of the file of its numbers, which makes a folder a textured city.
+pub const SUMMARY: &str = "textures.json";
 const PICTURES: &str = "appearance";
 const GROUND: &str = "ground.json";
 const GROUND_PICTURE: &str = "appearance/ground.jpg";

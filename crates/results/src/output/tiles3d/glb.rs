@@ -83,7 +83,7 @@ pub struct GlbTile<'a> {
     pub mesh: &'a TileMesh,
     /// One row per building.
     pub rows: &'a [&'a [Value]],
-    /// Plain colours.
+    /// Palette of the plain colours of the tile.
     pub palette: &'a Palette,
     /// Pictures that the tile's triangles have, JPEG, by their position.
     pub pictures: &'a BTreeMap<usize, Vec<u8>>,
@@ -228,7 +228,9 @@ impl GlbParts {
     fn pictures(&mut self, tile: &GlbTile<'_>, materials: &[Material], json: &mut Value) {
         let is_photographic = materials.iter().any(|material| *material != Material::Palette);
         let mut image = |material: &Material| match material {
-            Material::Palette => json!({ "bufferView": self.buffers.view(&tile.palette.png()), "mimeType": "image/png" }),
+            Material::Palette => {
+                json!({ "bufferView": self.buffers.view(&tile.palette.png()), "mimeType": "image/png" })
+            }
             Material::Page(page) => {
                 json!({ "bufferView": self.buffers.view(&tile.pictures[page]), "mimeType": "image/jpeg" })
             }

@@ -110,7 +110,13 @@ impl TileMesh {
         let positions: Vec<DVec3> = nodes.iter().map(|p| gltf_from_enu(*p)).collect();
         let uv = (0..nodes.len()).map(|i| ground.share(i).as_vec2().to_array()).collect();
         let normals = vec![DVec3::Y; nodes.len()];
-        Self { positions, normals, uv, features: Vec::new(), indices: BTreeMap::from([(Material::Page(0), ground.triangles())]) }
+        Self {
+            positions,
+            normals,
+            uv,
+            features: Vec::new(),
+            indices: BTreeMap::from([(Material::Page(0), ground.triangles())]),
+        }
     }
 
     fn add(

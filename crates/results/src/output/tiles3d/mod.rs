@@ -86,7 +86,7 @@ const GROUND: &str = "ground";
 pub(crate) struct MapView {
     /// Buildings; features are positions of records.
     pub buildings: Vec<u8>,
-    /// The ground.
+    /// The ground around the buildings.
     pub ground: Option<Vec<u8>>,
     /// Positions of the records that it shows.
     pub shown: Vec<usize>,
@@ -104,11 +104,19 @@ impl MapView {
     ) -> Result<Option<Self>, OutputError> {
         let block = |record: &BuildingRecord| {
             let prism = SnappedPrism::of(record, grid, MIN_THICKNESS_M).ok()?;
-            let (faces, paints) = textured.solid(&record.id, &prism, grid)?;
-            Some(TileBuilding { prism, roofed: Some(faces), paints, values: Vec::new(), height_m: 0.0 })
+            let found = textured.solid(&record.id, &prism, grid).transpose()?;
+            let block = |(faces, paints)| TileBuilding {
+                prism,
+                roofed: Some(faces),
+                paints,
+                values: Vec::new(),
+                height_m: 0.0,
+            };
+            Some(found.map(block))
         };
-        let (shown, blocks): (Vec<usize>, Vec<TileBuilding>) =
-            records.iter().enumerate().filter_map(|(i, record)| Some((i, block(record)?))).unzip();
+        let found = records.iter().enumerate().filter_map(|(i, record)| Some((i, block(record)?)));
+        let found = found.map(|(i, block)| Ok((i, block?))).collect::<Result<Vec<_>, OutputError>>()?;
+        let (shown, blocks): (Vec<usize>, Vec<TileBuilding>) = found.into_iter().unzip();
         if shown.is_empty() {
             return Ok(None);
         }
@@ -210,7 +218,8 @@ impl ShownBuildings {
             let Ok(prism) = prism else { return Ok(()) };
             let tile = textured.and_then(|textured| textured.tile(&record.id));
             tiles.push(tile.unwrap_or_default().to_owned());
-            let (roofed, paints) = match textured.and_then(|textured| textured.solid(&record.id, &prism, grid)) {
+            let painted = textured.map(|textured| textured.solid(&record.id, &prism, grid)).transpose()?;
+            let (roofed, paints) = match painted.flatten() {
                 Some((faces, paints)) => (Some(faces), paints),
                 None => (roof_solid::faces(record, &prism, grid, Detail::Slopes), Vec::new()),
             };
@@ -275,6 +284,9 @@ struct TileWriter<'a> {
     textured: Option<&'a TexturedCity>,
 }
 
+/// Binary glTF, and its box in glTF's axes.
+type BoxedGlb = (Vec<u8>, [DVec3; 2]);
+
 /// A tile that is written.
 struct WrittenTile {
     json: Value,
@@ -309,7 +321,7 @@ impl TileWriter<'_> {
     }
 
     /// The ground of a textured city, and its box.
-    fn ground_glb(&self) -> Result<Option<(Vec<u8>, [DVec3; 2])>, OutputError> {
+    fn ground_glb(&self) -> Result<Option<BoxedGlb>, OutputError> {
         let Some((ground, picture)) = self.textured.and_then(|textured| textured.ground.as_ref()) else {
             return Ok(None);
         };
@@ -365,7 +377,7 @@ impl TileWriter<'_> {
         blocks: &[TileBuilding],
         name: &str,
         feature_of: &dyn Fn(usize) -> u32,
-    ) -> Result<(Vec<u8>, [DVec3; 2]), OutputError> {
+    ) -> Result<BoxedGlb, OutputError> {
         let palette = Palette::of(blocks.iter().flat_map(TileBuilding::colours));
         let mut mesh = TileMesh::of(blocks, &palette, self.grid, self.place)?;
         mesh.features.iter_mut().for_each(|feature| *feature = feature_of(*feature as usize));

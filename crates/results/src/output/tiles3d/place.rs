@@ -31,7 +31,11 @@ pub enum Heights {
 /// The way from the map to the earth.
 enum WayToEarth {
     Direct(Transform3d),
-    Stated { lon_lat: Transform, geocentric: Box<Geocentric>, add_m: f64 },
+    Stated {
+        lon_lat: Transform,
+        geocentric: Box<Geocentric>,
+        add_m: f64,
+    },
     /// None: the picture stays in the map.
     Map,
 }

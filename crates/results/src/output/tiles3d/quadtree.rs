@@ -57,9 +57,27 @@ impl Node {
         (!items.is_empty()).then(|| Self::of(items, max_members.max(1), square))
     }
 
-    /// The tree of tiles whose names are known, which are those of an earlier tree; `None` without items.
+    /// The tree of tiles whose names are known, which are those of an earlier tree (`2/1_0`), or of several (`TREE/2/1_0`); `None` without
+    /// items.
     #[must_use]
     pub fn named(items: Vec<(TreeItem, String)>) -> Option<Self> {
+        let size_m = items.iter().map(|(item, _)| item.size_m).fold(0.0, f64::max);
+        let mut trees: BTreeMap<String, Vec<(TreeItem, String)>> = BTreeMap::new();
+        for (item, name) in items {
+            let parts: Vec<&str> = name.rsplitn(3, '/').collect();
+            let tree = parts.get(2).map_or_else(String::new, |tree| format!("{tree}/"));
+            let name = name[tree.len()..].to_owned();
+            trees.entry(tree).or_default().push((item, name));
+        }
+        let mut roots: Vec<Self> =
+            trees.into_iter().filter_map(|(tree, items)| Self::one_named(items, &tree)).collect();
+        match roots.len() {
+            0 | 1 => roots.pop(),
+            _ => Some(Self { name: String::new(), members: Vec::new(), error_m: size_m, children: roots }),
+        }
+    }
+
+    fn one_named(items: Vec<(TreeItem, String)>, tree: &str) -> Option<Self> {
         let mut nodes: BTreeMap<[u64; 3], (Vec<usize>, f64)> = BTreeMap::new();
         for (item, name) in items {
             let mut place = place_of(&name).unwrap_or([0; 3]);
@@ -77,7 +95,7 @@ impl Node {
             members.sort_unstable();
             let mut below = children.remove(&place).unwrap_or_default();
             below.reverse();
-            let node = Self { name: format!("{level}/{x}_{y}"), members, error_m, children: below };
+            let node = Self { name: format!("{tree}{level}/{x}_{y}"), members, error_m, children: below };
             if level == 0 {
                 return Some(node);
             }
@@ -179,6 +197,16 @@ mod tests {
             all
         };
         assert_eq!(listed(&again), listed(&first));
+        // Of two trees beside each other, each is the same below one root.
+        let mut named = Vec::new();
+        walk(&first, &mut |node| {
+            named.extend(node.members.iter().map(|&i| (item(i), format!("{}/{}", i % 2, node.name))));
+        });
+        let both = Node::named(named).unwrap();
+        assert!(both.members.is_empty() && both.children.len() == 2 && both.children[1].name == "1/0/0_0");
+        let mut n = 0;
+        walk(&both, &mut |node| n += node.members.len());
+        assert_eq!(n, 500);
         for name in ["", "0", "x/0_0", "1/2_0", "99/0_0"] {
             assert_eq!(place_of(name), None, "{name}");
         }
