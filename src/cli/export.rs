@@ -10,6 +10,7 @@ use sizeup_geo::crs::Crs;
 use sizeup_results::output::cityjson::{self, AttributeNames, CityJsonConfig};
 use sizeup_results::output::geopackage::{self, GeoPackageConfig, ProjectGround};
 use sizeup_results::output::read::{LAYERED_RESULTS, RESULTS, ReadOptions, RecordFile, result_file};
+use sizeup_results::output::textured::TexturedCity;
 use sizeup_results::output::tiles3d::{self, Heights, Precision, Tiles3dConfig};
 use sizeup_results::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records};
 use sizeup_results::output::{citygml, csv, dxf, flatcitybuf, flatgeobuf, geojson, kml, mesh};
@@ -25,7 +26,8 @@ use sizeup_survey::Survey;
   sizeup export lod2.city.json lod1.city.json      anybody's file: blocks of the mean roof height
   sizeup export result/city.city.json tiles --to 3dtiles --geoid-height 45.5
 
-An export has the buildings with all their attributes; cameras, issues and tiles go one by one, with --layer.")]
+An export has the buildings with all their attributes; cameras, issues and tiles go one by one, with --layer. OBJ and 3D Tiles have
+the textures of a result that `sizeup texture` has painted.")]
 pub struct ExportArgs {
     /// Folder of a result, or a file: CityJSON (.json), CityJSONSeq (.jsonl), GeoPackage or FlatGeobuf; ours, or anybody's with
     /// heights.
@@ -85,7 +87,7 @@ pub enum ExportFormat {
     /// CityGML 2.0, blocks and roofs with heights, roof types and storeys: .gml.
     #[value(name = "citygml")]
     CityGml,
-    /// OBJ, triangles of all solids for modelling: .obj.
+    /// OBJ, triangles of all solids for modelling; with an .mtl beside it where there are textures: .obj.
     #[value(name = "obj")]
     Obj,
     /// STL, closed solids on one plate for printers: .stl.
@@ -259,7 +261,10 @@ fn write<R: Records + ?Sized>(
         ExportFormat::FlatGeobuf => flatgeobuf::write(path, model),
         ExportFormat::GeoJson => geojson::write(path, model),
         ExportFormat::CityGml => citygml::write(path, model),
-        ExportFormat::Obj => mesh::write_obj(path, model),
+        ExportFormat::Obj => match TexturedCity::of_result(&args.input)? {
+            Some(textured) => mesh::write_textured_obj(path, model, &textured),
+            None => mesh::write_obj(path, model),
+        },
         ExportFormat::Stl => mesh::write_stl(path, model),
         ExportFormat::Dxf => dxf::write(path, model),
         ExportFormat::Kml => kml::write(path, model),
@@ -271,7 +276,8 @@ fn write<R: Records + ?Sized>(
                 (None, HeightsArg::Crs) => Heights::Crs,
             };
             let precision = if args.quantise { Precision::Quantised } else { Precision::Float };
-            tiles3d::write(path, model, &Tiles3dConfig { heights, precision, ..Tiles3dConfig::default() })
+            let config = Tiles3dConfig { heights, precision, ..Tiles3dConfig::default() };
+            tiles3d::write_textured(path, model, &config, TexturedCity::of_result(&args.input)?.as_ref())
         }
     }
 }

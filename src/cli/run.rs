@@ -145,9 +145,6 @@ fn run_tiles(ui: &Ui, manifest: &Manifest, args: &RunArgs, global: &Global) -> R
         trust: args.trust.trust(),
     };
     let layout = Layout::new(&manifest.config.project.output);
-    if manifest.config.output.textures.enabled {
-        ui.say("warning: no textures are written with --tiled; `sizeup run` without it writes them");
-    }
     let city = tiles::status(&layout, args.trust.trust()).map_err(|e| failed(&e))?;
     let todo: Vec<Tile> =
         city.tiles.into_iter().filter(|one| one.state != TileState::Done).map(|one| one.tile).collect();

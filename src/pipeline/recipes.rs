@@ -92,7 +92,7 @@ fn of_part(mut tables: Map<String, Value>) -> Value {
         tables.remove(given);
     }
     without(&mut tables, "project", &["output"]);
-    without(&mut tables, "output", &["pictures", "geopackage", "report", "textures"]);
+    without(&mut tables, "output", &["pictures", "geopackage", "report"]);
     Value::Object(tables)
 }
 
@@ -149,7 +149,7 @@ mod tests {
         ("reviews.path=\"reviews.geojson\"", None, false),
         ("output.fallback.source=\"attribute\"", None, true),
         ("output.pictures=false", None, false),
-        ("output.textures.enabled=true", None, false),
+        ("output.textures.enabled=true", None, true),
         ("limits.input_mb=100", None, false),
     ];
 

@@ -11,6 +11,7 @@ use super::{HeightStage, PipelineError, backdrop, evidence, overview};
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::BuildingId;
 use sizeup_heights::optimise::{EpochRecord, LevelGain};
+use sizeup_results::output::textured::TexturedCity;
 use sizeup_results::output::{CityModel, picture};
 use sizeup_results::report::{self, Backdrop, LevelFit, Report, SolverPass, ViewUse};
 use sizeup_survey::{Survey, SurveyReport, View};
@@ -34,6 +35,7 @@ pub(super) fn write(
     if let Some(overview) = &overview {
         picture::write_png(&settings.folder.picture("overview.png"), overview)?;
     }
+    let textured = TexturedCity::of_result(settings.folder.path())?;
     let report = Report {
         model: *model,
         terrain: &stage.terrain,
@@ -45,6 +47,7 @@ pub(super) fn write(
         evidence: evidence::gather(search, model.survey, stage, heights, priors),
         overview,
         backdrop: lay_photos(model, &stage.terrain, backdrop::TOWN),
+        textured: textured.as_ref(),
         config: settings.config_toml.clone(),
     };
     Ok(report::write(&settings.folder.join("report.html"), &report)?)
@@ -97,6 +100,7 @@ pub fn write_city_report(
         evidence: Vec::new(),
         overview: None,
         backdrop,
+        textured: None,
         config: settings.config_toml.clone(),
     };
     report::write(&folder.join("report.html"), &report)?;

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::path::Path;
 
 use glam::DVec3;
 use serde::Serialize;
@@ -22,9 +23,10 @@ use sizeup_heights::stats;
 use sizeup_photos::textures::{
     Choice, Surface, SurfaceKind, SurfaceScene, TextureTask, TexturedArea, Textures, bake, fill_unknown,
 };
+use sizeup_results::output::cityjson::CityJsonConfig;
 use sizeup_results::output::picture::photo_of;
 use sizeup_results::output::textured::{self, CitySurfaces, PaintedCity, TexturedGround};
-use sizeup_results::output::{BuildingRecord, CityModel, Lineage};
+use sizeup_results::output::{BuildingRecord, CityModel, Lineage, OutputError};
 use sizeup_survey::{Survey, View};
 
 /// Longer side of the picture of the ground, pixels, at most: what every graphics card takes.
@@ -44,6 +46,8 @@ pub struct TextureScene {
     pub city: CitySurfaces,
     /// The same where the photos show them: a footprint that is known to be off is painted from there.
     pub surfaces: Vec<Surface>,
+    /// Surfaces of buildings beside them, which have no textures here.
+    pub occluders: Vec<Surface>,
     /// The ground in the local frame.
     pub ground: LocalGround,
     /// The same in the map.
@@ -60,19 +64,26 @@ impl TextureScene {
         survey: &Survey,
         stage: &SceneStage,
     ) -> Result<Self, PipelineError> {
+        Self::beside(output, (records, &[]), survey, stage)
+    }
+
+    /// As [`Self::new`], of some buildings beside others.
+    pub(super) fn beside(
+        output: &OutputConfig,
+        (records, others): (&[BuildingRecord], &[BuildingRecord]),
+        survey: &Survey,
+        stage: &SceneStage,
+    ) -> Result<Self, PipelineError> {
         let city = CitySurfaces::of(records)?;
-        let mut surfaces = city.surfaces.clone();
-        if output.footprints == FootprintPlace::AsGiven {
-            for surface in &mut surfaces {
-                let Some(shift) = records[surface.building].footprint_shift else { continue };
-                surface.rings.iter_mut().flatten().for_each(|corner| *corner += shift.way().extend(0.0));
-            }
-        }
+        let surfaces = where_shown(output, records, city.surfaces.clone());
+        let mut occluders = where_shown(output, others, CitySurfaces::of(others)?.surfaces);
+        occluders.iter_mut().for_each(|surface| surface.building += records.len());
         Ok(Self {
             records: records.to_vec(),
             survey: survey.clone(),
             city,
             surfaces,
+            occluders,
             ground: stage.scene.ground.clone(),
             terrain: stage.terrain.clone(),
             origin: stage.scene.origin,
@@ -132,14 +143,27 @@ impl TextureScene {
         let decode = |view: &View| photo_of(view).map_err(|e| e.to_string());
         bake(&TextureTask {
             surfaces: &self.surfaces,
+            occluders: &self.occluders,
             ground: self.ground.clone(),
             origin: self.origin,
             views,
             decode: &decode,
             texel_m,
             choice,
+            groups: &self.city.tile_of,
         })
     }
+}
+
+/// Surfaces where the photos show them.
+fn where_shown(output: &OutputConfig, records: &[BuildingRecord], mut surfaces: Vec<Surface>) -> Vec<Surface> {
+    if output.footprints == FootprintPlace::AsGiven {
+        for surface in &mut surfaces {
+            let Some(shift) = records[surface.building].footprint_shift else { continue };
+            surface.rings.iter_mut().flatten().for_each(|corner| *corner += shift.way().extend(0.0));
+        }
+    }
+    surfaces
 }
 
 /// Numbers of a textured city.
@@ -166,6 +190,9 @@ pub struct BuildingTexture {
     pub areas: TexturedArea,
     /// Names of the photos that paint most of a surface, the one of most surfaces first.
     pub photos: Vec<String>,
+    /// Tile of it in 3D Tiles that are made of the folder.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tile: Option<String>,
 }
 
 impl TextureSummary {
@@ -176,7 +203,9 @@ impl TextureSummary {
         let mut photos: BTreeMap<&str, BTreeMap<usize, usize>> = BTreeMap::new();
         for (surface, texture) in scene.surfaces.iter().zip(&textures.surfaces) {
             let id = scene.records[surface.building].id.as_str();
-            buildings.entry(id.to_owned()).or_default().areas.add(&texture.areas);
+            let building = buildings.entry(id.to_owned()).or_default();
+            building.areas.add(&texture.areas);
+            building.tile = scene.city.tile(surface.building).map(str::to_owned);
             if let Some(photo) = texture.photo {
                 *photos.entry(id).or_default().entry(photo).or_default() += 1;
             }
@@ -213,6 +242,42 @@ pub(super) fn of_run(
     let scene = TextureScene::new(output, records, survey, stage)?;
     let textures = scene.bake(&survey.views, output.textures.texel_m, Choice::Agreeing);
     Ok(Some((scene, textures)))
+}
+
+/// The textured buildings of a tile.
+pub struct PaintedTile {
+    scene: TextureScene,
+    textures: Textures,
+}
+
+impl PaintedTile {
+    /// Textures of a tile's own buildings; the others hide what is behind them.
+    pub(super) fn new(
+        output: &OutputConfig,
+        records: (&[BuildingRecord], &[BuildingRecord]),
+        survey: &Survey,
+        stage: &SceneStage,
+    ) -> Result<Self, PipelineError> {
+        let scene = TextureScene::beside(output, records, survey, stage)?;
+        let textures = scene.bake(&survey.views, output.textures.texel_m, Choice::Agreeing);
+        Ok(Self { scene, textures })
+    }
+
+    /// Notes on photos and surfaces.
+    #[must_use]
+    pub fn issues(&self) -> &[Issue] {
+        &self.textures.issues
+    }
+
+    /// Writes the folder of the textured tile, without the ground.
+    ///
+    /// # Errors
+    /// [`OutputError`]: the file system.
+    pub fn write(&self, folder: &Path, model: &CityModel<'_>, config: &CityJsonConfig) -> Result<(), OutputError> {
+        let summary = TextureSummary::of(&self.scene, &self.textures);
+        let painted = PaintedCity { city: &self.scene.city, textures: &self.textures, ground: None };
+        textured::write(folder, model, config, &painted, &summary)
+    }
 }
 
 /// Writes the textured city beside the results, or removes that of an earlier run.

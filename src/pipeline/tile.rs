@@ -18,7 +18,9 @@ use super::records::{records, reviews_of};
 use super::scene::SceneStage;
 use super::settings::{FootprintSettings, GroundSettings, HeightSettings};
 use super::stages;
-use super::{FootprintStage, Frame, HeightStage, PhotoGround, PipelineError, RunOptions, RunSettings, Stage, Tell};
+use super::{
+    FootprintStage, Frame, HeightStage, PaintedTile, PhotoGround, PipelineError, RunOptions, RunSettings, Stage, Tell,
+};
 use sizeup_footprints::{self, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint};
 use sizeup_geo::hashes::Content;
 use sizeup_geo::issue::Issue;
@@ -47,7 +49,6 @@ pub struct CityPart<'a> {
 }
 
 /// Heights found for a part.
-#[derive(Debug, Clone, PartialEq)]
 pub struct PartHeights {
     /// Every building, in the layer's order.
     pub records: Vec<BuildingRecord>,
@@ -57,6 +58,8 @@ pub struct PartHeights {
     pub used_views: Vec<ViewId>,
     /// Terrain by the photos in the core and close to it.
     pub ground: PhotoGround,
+    /// Textures of the buildings in the core, where they are asked for.
+    pub painted: Option<PaintedTile>,
 }
 
 /// Path at which the footprints of a whole city are kept for its parts, if they were found in photos; in the folder of the results.
@@ -283,6 +286,7 @@ impl<'a> CityPart<'a> {
         // What is measured of a layer as a whole is not measured tile by tile: neighbours would come apart.
         let search = HeightSearch::within_a_city(&self.settings.heights, &self.survey, tell, &solve);
         let (mut footprints, ground) = (self.footprints.clone(), &self.settings.footprints.ground);
+        let mut solved_scene = None;
         let heights = match &self.scene {
             Some(given) => {
                 let photo_ground = given.ground_in_photos(ground, &self.survey, &footprints, Some(*core));
@@ -299,25 +303,44 @@ impl<'a> CityPart<'a> {
                         )
                     })
                     .transpose()?;
-                search.in_parts(&mut footprints, &mut scene, priors.as_ref().unwrap_or(&self.priors))
+                let found = search.in_parts(&mut footprints, &mut scene, priors.as_ref().unwrap_or(&self.priors));
+                solved_scene = Some(scene);
+                found
             }
             None => HeightStage::empty(),
         };
         let mut issues = footprints.layer.issues.clone();
         issues.extend(footprints.issues.iter().cloned());
         issues.extend(view_issues(&self.survey, &heights));
+        let records =
+            records((&self.settings.records, self.frame.bounds), &self.survey, &footprints, &heights, &self.reviews);
+        let is_painted = self.settings.output.config.textures.enabled;
+        let painted =
+            solved_scene.filter(|_| is_painted).map(|scene| self.paint(&records, core, &scene)).transpose()?;
         Ok(PartHeights {
-            records: records(
-                (&self.settings.records, self.frame.bounds),
-                &self.survey,
-                &footprints,
-                &heights,
-                &self.reviews,
-            ),
+            painted,
+            records,
             issues,
             used_views: heights.solution.used_views.iter().map(|&v| self.survey.views[v].id.clone()).collect(),
             ground: heights.ground.around(core),
         })
+    }
+
+    /// Whether a building of the result belongs to the part itself: its footprint's middle is in the core.
+    #[must_use]
+    pub fn owns(&self, id: &str, core: &MapBox) -> bool {
+        self.middle_of(id).is_some_and(|middle| core.holds(middle))
+    }
+
+    /// Textures of the buildings in the core.
+    fn paint(
+        &self,
+        records: &[BuildingRecord],
+        core: &MapBox,
+        scene: &SceneStage,
+    ) -> Result<PaintedTile, PipelineError> {
+        let (own, others): (Vec<_>, Vec<_>) = records.iter().cloned().partition(|record| self.owns(&record.id, core));
+        PaintedTile::new(self.settings.output.config, (&own, &others), &self.survey, scene)
     }
 
     /// Middle of the footprint that a building of the result comes from, by the building's id: its own, or that of the

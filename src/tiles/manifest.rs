@@ -242,7 +242,7 @@ impl Layout {
     #[must_use]
     pub fn read_done(&self, id: &str) -> Option<Done> {
         let done: Done = read_json(&self.done(id)).ok()?;
-        let names_its_own = done.tile == id && done.outputs.keys().all(|name| paths::single(name).is_some());
+        let names_its_own = done.tile == id && done.outputs.keys().all(|name| paths::within(name).is_some());
         names_its_own.then_some(done)
     }
 }

@@ -29,6 +29,7 @@ use sizeup_heights::stats;
 use sizeup_results::output::geopackage::{self, TileArea};
 use sizeup_results::output::plausible::CityDoubts;
 use sizeup_results::output::reports::{write_issues, write_json};
+use sizeup_results::output::textured::{self, SUMMARY, TexturedCity};
 use sizeup_results::output::tiles3d::{self, Tiles3dConfig};
 use sizeup_results::output::{
     CityModel, InputFile, Lineage, OutputError, Overview, Records as _, RunSummary, Status, StatusCount, TilesSummary,
@@ -204,7 +205,10 @@ impl JoinedCity<'_> {
         let overview = geopackage::write_divided(&folder.join(GEOPACKAGE), &model, gpkg, &self.areas())?;
         write_project(&settings.output, folder, GEOPACKAGE, &model)?;
         cityjson::write_sequence(&folder.join(SEQUENCE), &model, &config.output.cityjson)?;
-        let no_tileset = write_tileset(&folder.join(TILESET), &model, tileset)?;
+        let is_textured = |tile: &PathBuf| tile.join(SUMMARY).is_file();
+        let painted: Vec<PathBuf> = self.files(textured::FOLDER).into_iter().filter(is_textured).collect();
+        let painted = if painted.is_empty() { None } else { Some(TexturedCity::of_tiles(&painted)?) };
+        let no_tileset = write_tileset(&folder.join(TILESET), &model, (tileset, painted.as_ref()))?;
         let photos = self.write_page(&settings.output, &model, count.n_buildings())?;
         write_issues(&folder.join("issues.json"), &issues)?;
         write_json(&folder.join("lineage.json"), &lineage)?;
@@ -350,11 +354,11 @@ impl JoinedCity<'_> {
 fn write_tileset(
     path: &Path,
     model: &CityModel<'_, TileRecords>,
-    tileset: Tileset,
+    (tileset, painted): (Tileset, Option<&TexturedCity>),
 ) -> Result<Option<String>, TilesError> {
     let Tileset::Written(heights) = tileset else { return Ok(Some("none were asked for".to_owned())) };
     let config = Tiles3dConfig { heights, ..Tiles3dConfig::default() };
-    match tiles3d::write(path, model, &config) {
+    match tiles3d::write_textured(path, model, &config, painted) {
         Ok(Overview { .. }) => Ok(None),
         Err(reason @ OutputError::HeightsNotStated { .. }) => Ok(Some(reason.to_string())),
         Err(source @ OutputError::Crs(_)) => Err(TilesError::Heights { source }),
@@ -397,7 +401,8 @@ fn outputs(folder: &Path, has_tileset: bool, has_page: bool) -> Result<BTreeMap<
     Ok(names.into_iter().map(hash).collect::<Result<_, FileError>>()?)
 }
 
-fn names_below(folder: &Path, name: &str, names: &mut Vec<String>) -> std::io::Result<()> {
+/// Adds the names of all files below a folder of a folder.
+pub(super) fn names_below(folder: &Path, name: &str, names: &mut Vec<String>) -> std::io::Result<()> {
     for entry in std::fs::read_dir(folder.join(name))? {
         let entry = entry?;
         let name = format!("{name}/{}", entry.file_name().to_string_lossy());

@@ -8,14 +8,16 @@ use serde::{Deserialize, Serialize};
 
 use super::attempt::{Attempt, remove_if_there};
 use super::manifest::{Done, Layout, Tile, TileViews, hash_of, sweep_litter};
+use super::merge::names_below;
 use super::stale::{StaleCheck, Trust, known};
 use super::{Lock, TilesError};
-use crate::pipeline::{CityPart, PartHeights, RunSettings, Tell, footprints_around, layer_of};
+use crate::pipeline::{CityPart, PaintedTile, PartHeights, RunSettings, Tell, footprints_around, layer_of};
 use crate::recipe::{Recipe, program};
 use sizeup_geo::files::{FileError, write_whole, write_whole_unflushed};
 use sizeup_geo::issue::{Severity, Subject};
 use sizeup_heights::ids::ViewId;
 use sizeup_results::output::reports::{write_issues, write_json};
+use sizeup_results::output::textured;
 use sizeup_results::output::unmeasured::unmeasured;
 use sizeup_results::output::{CityModel, InputFile, Overview, Status, StatusCount, cityjson, n_photos_missing};
 use sizeup_survey::Survey;
@@ -219,7 +221,7 @@ fn write(
 ) -> Result<Done, TilesError> {
     let folder = check.layout.tile(&tile.id);
     // Parts of a footprint that was split go with the footprint.
-    let belongs = |id: &str| part.middle_of(id).is_some_and(|middle| tile.core.holds(middle));
+    let belongs = |id: &str| part.owns(id, &tile.core);
     let (own, others): (Vec<_>, Vec<_>) = heights.records.into_iter().partition(|record| belongs(&record.id));
     let halo = others.into_iter().filter_map(|record| {
         let distance_m = tile.core.distance_m(part.middle_of(&record.id)?);
@@ -234,6 +236,7 @@ fn write(
     let inputs = inputs_of(check, tile, part, &used)?;
     let lineage = part.lineage(&format!("sizeup tiles run --tile {}", tile.id), inputs);
     let config = &check.manifest.config;
+    issues.extend(heights.painted.iter().flat_map(PaintedTile::issues).cloned());
     issues.extend(cityjson::check(&own)?);
     issues.extend(unmeasured(&own, &issues));
     let model = CityModel {
@@ -250,8 +253,16 @@ fn write(
     write_json(&folder.join(GROUND), &heights.ground)?;
     write_json(&folder.join(LINEAGE), &lineage)?;
 
-    let names = [CITY, BUILDINGS, HALO, GROUND, ISSUES, LINEAGE];
-    let hash = |name: &str| Ok((name.to_owned(), hash_of(&folder.join(name))?));
+    let textured = folder.join(textured::FOLDER);
+    let mut names: Vec<String> = [CITY, BUILDINGS, HALO, GROUND, ISSUES, LINEAGE].map(str::to_owned).to_vec();
+    match &heights.painted {
+        Some(painted) => {
+            painted.write(&textured, &model, &config.output.cityjson)?;
+            names_below(&folder, textured::FOLDER, &mut names).map_err(FileError::on("cannot read", &textured))?;
+        }
+        None => textured::remove(&textured)?,
+    }
+    let hash = |name: String| hash_of(&folder.join(&name)).map(|sha256| (name, sha256));
     let outputs = names.into_iter().map(hash).collect::<Result<BTreeMap<_, _>, FileError>>()?;
     let (count, overview) = (StatusCount::of(&own), Overview::of(own.as_slice())?);
     let by_status = count.by_status();

@@ -14,7 +14,7 @@ use super::status::{TileState, TileStatus};
 use crate::pipeline::{RunSettings, files_of, photos_for_city_report};
 use crate::recipe::{ABSENT, Recipe};
 use crate::tiles::Lock;
-use sizeup_geo::files::FileError;
+use sizeup_geo::files::{FileError, is_virtual};
 use sizeup_geo::geodata::source;
 use sizeup_geo::hashes::{Content, Hashes};
 use sizeup_results::output::sha256_hex;
@@ -231,7 +231,11 @@ impl<'a> StaleCheck<'a> {
 fn files_of_tile(manifest: &Manifest, views: &TileViews) -> Vec<(&'static str, PathBuf)> {
     let shared = manifest.prior_files.iter().map(|path| ("prior", path.clone()));
     let priors = views.priors.iter().map(|path| ("prior", path.clone()));
-    let photos = views.photos.iter().map(|path| ("photo", path.clone()));
+    // Textures are of all photos that show the tile.
+    let painted = views.views.iter().filter(|_| manifest.config.output.textures.enabled);
+    let painted = painted.filter_map(|view| view.image.as_ref()).filter(|image| !is_virtual(image));
+    let photos: BTreeSet<&PathBuf> = views.photos.iter().chain(painted).collect();
+    let photos = photos.into_iter().map(|path| ("photo", path.clone()));
     shared.chain(priors).chain(photos).collect()
 }
 

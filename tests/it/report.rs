@@ -28,7 +28,7 @@ use crate::tiny_scene::sizeup;
 use crate::tools::{chromium, node_modules, npm, picture, program, run};
 
 /// Runs one of the scripts in `tests/web`; `None`, and a line that says so, without a browser.
-fn browse(script: &str, address: &str, more: &[&str]) -> Option<Value> {
+pub fn browse(script: &str, address: &str, more: &[&str]) -> Option<Value> {
     let (Some(_), Some(chromium)) = (npm("playwright-core"), chromium()) else { return None };
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/web").join(script);
     let said = run(Command::new("node").arg(script).arg(node_modules()).arg(chromium).arg(address).args(more));
@@ -149,7 +149,7 @@ fn write_report(town: &Town, path: &Path) {
     report::write(path, &plain_report(town)).unwrap();
 }
 
-fn plain_report(town: &Town) -> Report<'_> {
+pub fn plain_report(town: &Town) -> Report<'_> {
     Report {
         model: town.model(),
         terrain: &Terrain::Constant(11.5),
@@ -161,6 +161,7 @@ fn plain_report(town: &Town) -> Report<'_> {
         evidence: Vec::new(),
         overview: None,
         backdrop: None,
+        textured: None,
         config: "# </script> {{script}}\n".to_owned(),
     }
 }
@@ -191,14 +192,7 @@ fn a_height_has_one_colour_on_the_map_of_the_page_in_the_picture_in_qgis_and_in_
     let in_picture =
         heights_m.map(|height_m| most_frequent_colour(&map(&houses(&[height_m]).model(), &MapConfig::default())));
     assert_eq!(in_picture.as_slice(), in_qgis);
-    // Colours of glTF are linear (IEC 61966-2-1), in bytes.
-    let linear = |byte: u8| match f64::from(byte) / 255.0 {
-        low if low <= 0.040_45 => low / 12.92,
-        value => ((value + 0.055) / 1.055).powf(2.4),
-    };
-    let in_linear: Vec<[u8; 3]> =
-        in_qgis.iter().map(|rgb| rgb.map(|byte| (255.0 * linear(byte)).round() as u8)).collect();
-    assert_eq!(in_tiles, in_linear);
+    assert_eq!(in_tiles, in_qgis);
     let path = folder.path().join("report.html");
     write_report(&all, &path);
     let Some(said) = use_report(&path, "colours", "h9") else { return };
@@ -245,7 +239,7 @@ fn colours_in_qgis(town: &Town, folder: &Path, heights_m: &[f64]) -> Vec<[u8; 3]
     heights_m.iter().map(colour).collect()
 }
 
-/// The colours of h0, h1, … in the tiles of a town, linear.
+/// The colours of h0, h1, … in the tiles of a town, by the picture that their material has: viewers pass over colours of vertices.
 fn colours_in_tiles(town: &Town, folder: &Path) -> Vec<[u8; 3]> {
     let tiles = folder.join("tiles");
     tiles3d::write(&tiles, &town.model(), &tiles_config()).unwrap();
@@ -253,11 +247,12 @@ fn colours_in_tiles(town: &Town, folder: &Path) -> Vec<[u8; 3]> {
         fs::read_dir(tiles.join("tiles/0")).unwrap().map(|entry| Glb::read(&entry.unwrap().path())).collect();
     let [glb] = glbs.as_slice() else { panic!("a small town is one tile") };
     let ids = glb.column("id");
-    let [of, colours] = ["_FEATURE_ID_0", "COLOR_0"].map(|name| glb.accessor(&glb.primitive()["attributes"][name]));
+    let of = glb.accessor(&glb.primitive()["attributes"]["_FEATURE_ID_0"]);
+    assert!(glb.primitive()["attributes"]["COLOR_0"].is_null(), "it would be multiplied with the picture");
     let colour = |i: usize| {
         let feature = ids.iter().position(|id| id == &Value::from(format!("h{i}"))).unwrap();
         let vertex = of.iter().position(|id| id[0] == feature as f64).unwrap();
-        [0, 1, 2].map(|c| (255.0 * colours[vertex][c]).round() as u8)
+        glb.colour(glb.primitive(), vertex)
     };
     (0..town.records.len()).map(colour).collect()
 }

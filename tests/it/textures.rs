@@ -1,27 +1,32 @@
 //! Textures of a small town of boxes whose colours are known, in photos traced here by code of its own.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
 use geo::polygon;
 use glam::{DVec2, DVec3};
 use image::{Rgb, RgbImage};
-use serde_json::Value;
+use serde_json::{Value, json};
 use sizeup::camera::Camera;
 use sizeup::crs::Crs;
 use sizeup::frames::{LocalOrigin, Rigid};
-use sizeup::output::cityjson::CityJsonConfig;
-use sizeup::output::textured::{self, CitySurfaces, PaintedCity, TexturedGround};
-use sizeup::output::{BuildingRecord, CityModel, Lineage};
+use sizeup::output::cityjson::{self, CityJsonConfig};
+use sizeup::output::textured::{self, CitySurfaces, PaintedCity, TexturedCity, TexturedGround};
+use sizeup::output::tiles3d::{self, Heights, Precision, Tiles3dConfig};
+use sizeup::output::{BuildingRecord, CityModel, Lineage, mesh};
+use sizeup::report::{self, Report};
 use sizeup::scene::LocalGround;
 use sizeup::survey::{Survey, View};
 use sizeup::terrain::Terrain;
 use sizeup::textures::{Choice, Surface, SurfaceKind, SurfaceTexture, TextureTask, Textures, bake};
 
-use crate::consumers::triangles_of_valid_gltf;
+use crate::consumers::{is_valid_tileset, triangles_of_valid_gltf};
 use crate::outputs::assert_valid_cityjson;
+use crate::report::{browse, plain_report};
+use crate::tiles3d::Glb;
 use crate::tiny_scene::Scene;
+use crate::tools::picture;
 
 /// Where the town lies, and its ground.
 const AT: DVec3 = DVec3::new(565_000.0, 5_934_000.0, 30.0);
@@ -120,12 +125,14 @@ impl Painted {
         let reach = DVec2::splat(500.0);
         let textures = bake(&TextureTask {
             surfaces: &city.surfaces,
+            occluders: &[],
             ground: LocalGround::new(&ground, LocalOrigin(AT), AT.truncate() - reach, AT.truncate() + reach),
             origin: LocalOrigin(AT),
             views: &views,
             decode: shows,
             texel_m: Some(0.2),
             choice,
+            groups: &city.tile_of,
         });
         Self { records, city, textures }
     }
@@ -298,7 +305,10 @@ fn write(folder: &Path, town: &Painted) {
         photos: vec!["8.jpg".to_owned()],
     };
     let painted = PaintedCity { city: &town.city, textures: &town.textures, ground: Some(&ground) };
-    textured::write(folder, &model, &CityJsonConfig::default(), &painted, &Value::Null).unwrap();
+    let tile_of = |(i, id): (usize, &&str)| ((*id).to_owned(), json!({ "tile": town.city.tile(i) }));
+    let buildings: serde_json::Map<String, Value> = IDS.iter().enumerate().map(tile_of).collect();
+    let summary = json!({ "buildings": buildings });
+    textured::write(folder, &model, &CityJsonConfig::default(), &painted, &summary).unwrap();
 }
 
 #[test]
@@ -368,8 +378,182 @@ fn a_city_without_photos_is_written_in_plain_colours() {
     let path = folder.path().join("textured");
     write(&path, &Painted::new(records(), &|_| Err("gone".to_owned()), Choice::Agreeing));
     assert_valid_cityjson(&path.join("city.city.json"));
-    assert_eq!(std::fs::read_dir(path.join("appearance")).unwrap().count(), 0);
+    assert!(!path.join("appearance/atlas-0.jpg").exists());
     let _ = triangles_of_valid_gltf(&[path.join("city.glb")]);
+}
+
+/// Writes a textured town and 3D Tiles of it.
+fn write_tiles(folder: &Path, town: &Painted, precision: Precision) -> std::path::PathBuf {
+    let (textured, tiles) = (folder.join("textured"), folder.join("tiles"));
+    write(&textured, town);
+    let city = TexturedCity::of_result(&textured).unwrap().unwrap();
+    let crs = Crs::parse("EPSG:25832").unwrap();
+    let lineage = Lineage { crs: "EPSG:25832".to_owned(), ..Lineage::default() };
+    let survey = Survey::default();
+    let config = Tiles3dConfig { precision, heights: Heights::GeoidHeight(40.0), ..Tiles3dConfig::default() };
+    tiles3d::write_textured(&tiles, &town.model(&crs, &lineage, &survey), &config, Some(&city)).unwrap();
+    tiles
+}
+
+/// Colours of a building's faces in a tile, by where they look (glTF's axes), in the middle of each triangle's face.
+fn colours_in_tile(glb: &Glb, id: &str) -> Vec<(DVec3, [u8; 3])> {
+    let feature = glb.column("id").iter().position(|of| of == id).unwrap() as f64;
+    let mut found = Vec::new();
+    for primitive in glb.json["meshes"][0]["primitives"].as_array().unwrap() {
+        let [features, normals, places] =
+            ["_FEATURE_ID_0", "NORMAL", "TEXCOORD_0"].map(|name| glb.accessor(&primitive["attributes"][name]));
+        let indices = glb.accessor(&primitive["indices"]);
+        let picture = glb.picture(primitive);
+        for triangle in indices.chunks_exact(3).map(|t| [t[0][0], t[1][0], t[2][0]].map(|i| i as usize)) {
+            if features[triangle[0]][0] == feature {
+                let middle = [0, 1].map(|axis| triangle.iter().map(|i| places[*i][axis]).sum::<f64>() / 3.0);
+                let [x, y] = [middle[0] * f64::from(picture.width()), middle[1] * f64::from(picture.height())];
+                found.push((DVec3::from_slice(&normals[triangle[0]]), picture.get_pixel(x as u32, y as u32).0));
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn tiles_of_a_textured_city_have_its_colours_its_features_and_its_ground() {
+    let town = Painted::plain();
+    for precision in [Precision::Float, Precision::Quantised] {
+        let folder = tempfile::tempdir().unwrap();
+        let tiles = write_tiles(folder.path(), &town, precision);
+        let path = tiles.join("tiles/0/0_0.glb");
+        let glb = Glb::read(&path);
+        assert_eq!(glb.column("id"), IDS);
+        assert_eq!(glb.json["nodes"][0]["name"], "0/0_0");
+        for id in ["house", "tower"] {
+            let colours = colours_in_tile(&glb, id);
+            // East, south, north and up in glTF's axes; the projection turns them by less than a degree.
+            let sides = [(DVec3::X, WALLS[1]), (DVec3::Z, WALLS[2]), (DVec3::NEG_Z, WALLS[3]), (DVec3::Y, ROOF)];
+            for (side, expected) in sides {
+                let seen: Vec<[u8; 3]> =
+                    colours.iter().filter(|(normal, _)| normal.dot(side) > 0.99).map(|(_, colour)| *colour).collect();
+                assert!(seen.len() == 2, "{id} {side}: {seen:?}");
+                // The annex hides the lower part of the eastern wall of the house.
+                let is_all = seen.iter().all(|colour| is_near(*colour, expected));
+                assert!(is_all || (id == "house" && side == DVec3::X), "{id} {side}: {seen:?}");
+            }
+        }
+        let ground = Glb::read(&tiles.join("tiles/ground.glb"));
+        assert!(is_near(ground.colour(ground.primitive(), 0), GROUND));
+        let _ = triangles_of_valid_gltf(&[path, tiles.join("tiles/ground.glb")]);
+        is_valid_tileset(&tiles);
+    }
+}
+
+#[test]
+fn an_export_of_other_heights_has_the_textures_of_the_faces_that_are_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut town = Painted::plain();
+    let textured = folder.path().join("textured");
+    write(&textured, &town);
+    town.records[2].height_m = Some(25.0);
+    let tiles = folder.path().join("tiles");
+    let city = TexturedCity::read(&textured).unwrap();
+    let crs = Crs::parse("EPSG:25832").unwrap();
+    let (lineage, survey) = (Lineage::default(), Survey::default());
+    let config = Tiles3dConfig { heights: Heights::GeoidHeight(40.0), ..Tiles3dConfig::default() };
+    tiles3d::write_textured(&tiles, &town.model(&crs, &lineage, &survey), &config, Some(&city)).unwrap();
+    let glb = Glb::read(&tiles.join("tiles/0/0_0.glb"));
+    // The tower has the colour of its height all over, the house its own.
+    let tower: BTreeSet<[u8; 3]> = colours_in_tile(&glb, "tower").into_iter().map(|(_, colour)| colour).collect();
+    assert_eq!(tower.len(), 1);
+    assert!(colours_in_tile(&glb, "house").iter().any(|(_, colour)| is_near(*colour, WALLS[3])));
+    let cut = textured.join("textures.json");
+    std::fs::write(&cut, "{").unwrap();
+    let refused = TexturedCity::read(&textured).unwrap_err().to_string();
+    assert!(refused.contains("textures.json"), "{refused}");
+}
+
+#[test]
+fn an_obj_of_a_textured_city_has_its_materials_beside_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let town = Painted::plain();
+    let textured = folder.path().join("textured");
+    write(&textured, &town);
+    let crs = Crs::parse("EPSG:25832").unwrap();
+    let (lineage, survey) = (Lineage::default(), Survey::default());
+    let path = folder.path().join("city.obj");
+    let city = TexturedCity::read(&textured).unwrap();
+    mesh::write_textured_obj(&path, &town.model(&crs, &lineage, &survey), &city).unwrap();
+    let obj = std::fs::read_to_string(&path).unwrap();
+    let mtl = std::fs::read_to_string(folder.path().join("city.mtl")).unwrap();
+    assert!(obj.contains("mtllib city.mtl\n") && mtl.contains("map_Kd city-textures/atlas-0.jpg\n"), "{mtl}");
+    let named: BTreeSet<&str> = obj.lines().filter_map(|line| line.strip_prefix("usemtl ")).collect();
+    let made: BTreeSet<&str> = mtl.lines().filter_map(|line| line.strip_prefix("newmtl ")).collect();
+    assert_eq!(named, made);
+    // The northern wall of the house: two triangles whose places on the picture have its colour.
+    let picture = image::open(folder.path().join("city-textures/atlas-0.jpg")).unwrap().into_rgb8();
+    let numbers = |kind: &str| -> Vec<Vec<f64>> {
+        let of = obj.lines().filter_map(|line| line.strip_prefix(kind));
+        of.map(|line| line.split(' ').map(|v| v.parse().unwrap()).collect()).collect()
+    };
+    let (corners, places) = (numbers("v "), numbers("vt "));
+    let mut n_northern = 0;
+    for face in obj.lines().filter_map(|line| line.strip_prefix("f ")).filter(|face| face.contains('/')) {
+        let pairs: Vec<[usize; 2]> = face
+            .split(' ')
+            .map(|p| p.split_once('/').unwrap())
+            .map(|(v, t)| [v, t].map(|n| n.parse().unwrap()))
+            .collect();
+        if pairs.iter().all(|[v, _]| (corners[v - 1][1] - 40.0).abs() < 0.01 && corners[v - 1][0] < 20.01) {
+            let middle = [0, 1].map(|axis| pairs.iter().map(|[_, t]| places[t - 1][axis]).sum::<f64>() / 3.0);
+            let [x, y] = [middle[0] * f64::from(picture.width()), (1.0 - middle[1]) * f64::from(picture.height())];
+            let colour = picture.get_pixel(x as u32, y as u32).0;
+            assert!(is_near(colour, WALLS[3]), "{colour:?}");
+            n_northern += 1;
+        }
+    }
+    assert_eq!(n_northern, 2);
+}
+
+/// Looks at a page of the town in the three ways to colour it; pictures are left in the target folder's `tmp/pictures/textures-NAME`.
+fn looks_right(address: &str, name: &str) {
+    let out = picture(&format!("textures-{name}"));
+    std::fs::create_dir_all(&out).unwrap();
+    let Some(said) = browse("textures.mjs", address, &[out.to_str().unwrap()]) else { return };
+    assert_eq!((&said["errors"], &said["first"]), (&json!([]), &json!("textures")), "{said:#}");
+    let n_near = |way: &str, colour: [u8; 3]| {
+        let picture = image::open(out.join(format!("{way}.png"))).unwrap().into_rgb8();
+        picture.pixels().filter(|pixel| is_near(pixel.0, colour)).count()
+    };
+    // The picture looks to the north-east: it shows the walls to the west and to the south.
+    assert!(n_near("textures", GROUND) > 500, "{name}: {}", n_near("textures", GROUND));
+    for colour in [ROOF, WALLS[0], WALLS[2]] {
+        assert!(n_near("textures", colour) > 500, "{name}: {colour:?} {}", n_near("textures", colour));
+        assert!(n_near("height", colour) < 100 && n_near("status", colour) < 100, "{name}: {colour:?}");
+    }
+}
+
+#[test]
+fn the_report_and_the_viewer_show_textures_first_with_a_switch_to_heights_and_status() {
+    let folder = tempfile::tempdir().unwrap();
+    let town = Painted::plain();
+    write(&folder.path().join("textured"), &town);
+    let city = TexturedCity::of_result(folder.path()).unwrap();
+    let crs = Crs::parse("EPSG:25832").unwrap();
+    let lineage = Lineage { crs: "EPSG:25832".to_owned(), ..Lineage::default() };
+    let survey = Survey::default();
+    let model = town.model(&crs, &lineage, &survey);
+    let page = folder.path().join("report.html");
+    let of_town = crate::outputs::town();
+    let terrain = Terrain::Constant(AT.z);
+    let plain = plain_report(&of_town);
+    report::write(&page, &Report { model, terrain: &terrain, views: Vec::new(), textured: city.as_ref(), ..plain })
+        .unwrap();
+    looks_right(&format!("file://{}", page.display()), "report");
+    cityjson::write(&folder.path().join("city.city.json"), &model, &CityJsonConfig::default()).unwrap();
+    let tiles = report::tileset_of(folder.path()).unwrap();
+    assert_eq!(tiles, folder.path().join("stages/view"));
+    let server = report::Server::bind(&tiles, folder.path(), 0).unwrap();
+    let address = server.address();
+    // It serves until the test ends.
+    std::thread::spawn(move || server.run());
+    looks_right(&address, "view");
 }
 
 #[test]

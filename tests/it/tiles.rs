@@ -171,6 +171,45 @@ fn photos_lie_under_the_map_of_a_city_in_tiles_and_one_that_changes_makes_its_pa
 }
 
 #[test]
+fn a_city_in_tiles_is_textured_tile_by_tile_and_again_where_a_picture_is_gone() {
+    let scene = Scene::new();
+    fs::create_dir(scene.path("images")).unwrap();
+    scene.stems().iter().for_each(|stem| paint(&scene, stem, [90, 120, 60]));
+    scene.edit("sizeup.toml", |text| text.replace("path = \"sparse\"", "path = \"sparse\"\nimages = \"images\""));
+    let textures = "[output]\ntextures = { enabled = true, texel_m = 1.0 }\n";
+    scene.edit("sizeup.toml", |text| text.replace("[output]\n", textures));
+    scene.edit("sizeup.toml", |text| text.replace("[optimise]\n", "[refinement]\nenabled = false\n\n[optimise]\n"));
+    for id in plan(&scene) {
+        assert!([0, 5].contains(&run_tile(&scene, &id).code));
+    }
+    let merged = merge(&scene, &[]);
+    assert!([0, 5].contains(&merged.code), "{}", merged.stderr);
+    let once = results(&scene, "city");
+    let pictures: Vec<&String> = once.keys().filter(|name| name.ends_with("textured/appearance/atlas-0.jpg")).collect();
+    assert!(pictures.len() > 1, "{:?}", once.keys());
+    assert_eq!(scene.json("city/3dtiles/tileset.json")["asset"]["extras"]["sizeup"]["textures"], true);
+    // The pictures are in the city's tiles as they are in those of the plan.
+    let in_tiles = |picture: &[u8]| {
+        let glbs = once.iter().filter(|(name, _)| name.ends_with(".glb") && name.starts_with("3dtiles"));
+        glbs.filter(|(_, glb)| glb.windows(picture.len()).any(|bytes| bytes == picture)).count()
+    };
+    assert!(pictures.iter().all(|picture| in_tiles(&once[*picture]) >= 1));
+    let gone = pictures[0];
+    fs::remove_file(scene.path("city").join(gone)).unwrap();
+    let id = gone.trim_start_matches("tiles/").split('/').next().unwrap();
+    let again = run_tile(&scene, id);
+    assert!(again.stderr.contains("is done") && [0, 5].contains(&again.code), "{}", again.stderr);
+    assert!([0, 5].contains(&merge(&scene, &[]).code));
+    assert_same(&once, &results(&scene, "city"));
+    // Another photo: only its tiles are stale.
+    let status =
+        || -> Value { serde_json::from_str(&scene.sizeup(&["tiles", "status", "city", "--json"]).stdout).unwrap() };
+    paint(&scene, &scene.stems()[0], [250, 30, 30]);
+    let n_stale = status()["tiles"].as_array().unwrap().iter().filter(|tile| tile["state"] == "stale").count();
+    assert!(n_stale > 0, "{:#}", status());
+}
+
+#[test]
 fn halos_that_cut_through_a_town_leave_its_heights_as_they_are() {
     let folder = tempfile::tempdir().unwrap();
     let mut config = SimulateConfig::default();

@@ -38,7 +38,7 @@ pub fn write_deep(folder: &Path, precision: Precision) -> (Town, Value) {
 
 /// A binary glTF split.
 pub struct Glb {
-    json: Value,
+    pub json: Value,
     bin: Vec<u8>,
 }
 
@@ -64,6 +64,7 @@ impl Glb {
         let view = &self.json["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
         let n = match accessor["type"].as_str().unwrap() {
             "SCALAR" => 1,
+            "VEC2" => 2,
             "VEC3" => 3,
             _ => 4,
         };
@@ -82,6 +83,23 @@ impl Glb {
 
     pub fn primitive(&self) -> &Value {
         &self.json["meshes"][0]["primitives"][0]
+    }
+
+    /// Colour of a vertex of a primitive: that of the picture of its material, at its place there.
+    pub fn colour(&self, primitive: &Value, vertex: usize) -> [u8; 3] {
+        let picture = self.picture(primitive);
+        let at = &self.accessor(&primitive["attributes"]["TEXCOORD_0"])[vertex];
+        let [x, y] = [at[0] * f64::from(picture.width()), at[1] * f64::from(picture.height())].map(|v| v as u32);
+        picture.get_pixel(x.min(picture.width() - 1), y.min(picture.height() - 1)).0
+    }
+
+    /// The picture of a primitive's material.
+    pub fn picture(&self, primitive: &Value) -> image::RgbImage {
+        let index = |value: &Value| value.as_u64().unwrap() as usize;
+        let material = &self.json["materials"][index(&primitive["material"])];
+        let texture = &self.json["textures"][index(&material["pbrMetallicRoughness"]["baseColorTexture"]["index"])];
+        let view = &self.json["images"][index(&texture["source"])]["bufferView"];
+        image::load_from_memory(self.view(view)).unwrap().into_rgb8()
     }
 
     /// Vertices in the tileset's axes: the node's own transform, then y up to z up, as the standard says.

@@ -1,12 +1,15 @@
 //! Pages that hold the pictures of all surfaces, those of one building on one page where they fit.
 
+use std::collections::BTreeMap;
+use std::ops::Range;
+
 use glam::{DVec2, UVec2, Vec2};
 use guillotiere::{AllocId, AtlasAllocator, size2};
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
 use rayon::prelude::*;
 
-use super::Surface;
+use super::TextureTask;
 use super::chart::Chart;
 use super::paint::Painted;
 use super::scene::SurfaceScene;
@@ -78,14 +81,14 @@ struct Shelf {
 }
 
 impl Shelf {
-    /// Square pages that some pictures fit on, a single one where that is not too large.
-    fn fitting(sizes: impl Iterator<Item = UVec2>) -> Self {
+    /// Square pages that some pictures fit on, a single one where that is not too large; they follow `n_before` others.
+    fn fitting(sizes: impl Iterator<Item = UVec2>, n_before: usize) -> Self {
         let (area, longest) = sizes.fold((0.0, 1), |(area, longest), size| {
             (area + f64::from(size.x) * f64::from(size.y), size.max_element().max(longest))
         });
         let side = ((ROOM * area).sqrt() as u32).max(longest).next_multiple_of(SIDE_STEP_PX);
         let side_px = side.min(MOST_SIDE_PX);
-        Self { open: empty_page(side_px), side_px, n_pages: 1 }
+        Self { open: empty_page(side_px), side_px, n_pages: n_before + 1 }
     }
 
     /// A place for a picture on the last page.
@@ -110,6 +113,28 @@ impl Shelf {
         Some(placed.into_iter().map(|(_, corner)| corner).collect())
     }
 
+    /// Places the surfaces of a building, on one page where they fit.
+    fn add(&mut self, building: Range<usize>, size: &dyn Fn(usize) -> Option<UVec2>, corners: &mut [Option<Corner>]) {
+        let mut sizes: Vec<(usize, UVec2)> = building.filter_map(|i| Some((i, size(i)?))).collect();
+        sizes.sort_by_key(|(i, size)| (std::cmp::Reverse(size.max_element()), *i));
+        let together = self.place_all(&sizes).or_else(|| {
+            self.turn_over();
+            self.place_all(&sizes)
+        });
+        if let Some(placed) = together {
+            placed.into_iter().for_each(|(i, corner)| corners[i] = Some(corner));
+            return;
+        }
+        // A building too large for a page.
+        for (i, size) in sizes {
+            let placed = self.place(size).or_else(|| {
+                self.turn_over();
+                self.place(size)
+            });
+            corners[i] = placed.map(|(_, corner)| corner);
+        }
+    }
+
     fn turn_over(&mut self) {
         self.open = empty_page(self.side_px);
         self.n_pages += 1;
@@ -121,8 +146,9 @@ fn empty_page(side_px: u32) -> AtlasAllocator {
 }
 
 /// Lays all painted surfaces out on pages.
-pub(super) fn pack(surfaces: &[Surface], charts: &[Option<Chart>], painted: &[Option<Painted>]) -> Atlas {
-    let corners = corners(surfaces, painted);
+pub(super) fn pack(task: &TextureTask<'_>, charts: &[Option<Chart>], painted: &[Option<Painted>]) -> Atlas {
+    let surfaces = task.surfaces;
+    let corners = corners(task, painted);
     let size_of =
         |i: usize| painted[i].as_ref().map_or(UVec2::ZERO, |p| UVec2::new(p.picture.width(), p.picture.height()));
     let n_pages = corners.iter().flatten().map(|corner| corner.page + 1).max().unwrap_or(0);
@@ -145,30 +171,25 @@ pub(super) fn pack(surfaces: &[Surface], charts: &[Option<Chart>], painted: &[Op
     Atlas { pages: (0..n_pages).into_par_iter().map(page).collect(), places: (0..surfaces.len()).map(place).collect() }
 }
 
-fn corners(surfaces: &[Surface], painted: &[Option<Painted>]) -> Vec<Option<Corner>> {
-    let mut corners = vec![None; surfaces.len()];
+fn corners(task: &TextureTask<'_>, painted: &[Option<Painted>]) -> Vec<Option<Corner>> {
+    let mut corners = vec![None; task.surfaces.len()];
     let size = |i: usize| painted[i].as_ref().map(|p| UVec2::new(p.picture.width(), p.picture.height()));
-    let (mut shelf, mut first) = (Shelf::fitting((0..surfaces.len()).filter_map(size)), 0);
-    for group in surfaces.chunk_by(|a, b| a.building == b.building) {
-        let mut sizes: Vec<(usize, UVec2)> = (first..first + group.len()).filter_map(|i| Some((i, size(i)?))).collect();
-        sizes.sort_by_key(|(i, size)| (std::cmp::Reverse(size.max_element()), *i));
-        first += group.len();
-        let together = shelf.place_all(&sizes).or_else(|| {
-            shelf.turn_over();
-            shelf.place_all(&sizes)
-        });
-        if let Some(placed) = together {
-            placed.into_iter().for_each(|(i, corner)| corners[i] = Some(corner));
+    // The surfaces of each building, by its group.
+    let mut groups: BTreeMap<usize, Vec<Range<usize>>> = BTreeMap::new();
+    let mut first = 0;
+    for of_building in task.surfaces.chunk_by(|a, b| a.building == b.building) {
+        let group = task.groups.get(of_building[0].building).copied().unwrap_or(0);
+        groups.entry(group).or_default().push(first..first + of_building.len());
+        first += of_building.len();
+    }
+    let mut n_pages = 0;
+    for buildings in groups.into_values() {
+        if buildings.iter().cloned().flatten().all(|i| size(i).is_none()) {
             continue;
         }
-        // A building too large for a page.
-        for (i, size) in sizes {
-            let placed = shelf.place(size).or_else(|| {
-                shelf.turn_over();
-                shelf.place(size)
-            });
-            corners[i] = placed.map(|(_, corner)| corner);
-        }
+        let mut shelf = Shelf::fitting(buildings.iter().cloned().flatten().filter_map(size), n_pages);
+        buildings.into_iter().for_each(|building| shelf.add(building, &size, &mut corners));
+        n_pages = shelf.n_pages;
     }
     corners
 }

@@ -60,7 +60,8 @@ impl Chart {
         let cells_size = UVec2::new(size.x.div_ceil(cell_px), size.y.div_ceil(cell_px));
         let mut chart =
             Self { texel_m: texel_m as f32, size, corner, inside: Vec::new(), cell_px, cells_size, cells: Vec::new() };
-        chart.inside = (0..size.x * size.y).map(|i| facet.contains(chart.place(i % size.x, i / size.x))).collect();
+        let row = |y: u32| facet.contains_each((0..size.x).map(|x| chart.place(x, y)).collect());
+        chart.inside = (0..size.y).flat_map(row).collect();
         let cell = |i: u32| {
             let of_cell = || chart.texels_of(i).filter(|(x, y)| chart.is_inside(*x, *y));
             let n_texels = of_cell().count() as u32;
@@ -95,6 +96,13 @@ impl Chart {
         let (size, n) = (self.size, self.cell_px);
         let columns = move || cx * n..((cx + 1) * n).min(size.x);
         (cy * n..((cy + 1) * n).min(size.y)).flat_map(move |y| columns().map(move |x| (x, y)))
+    }
+
+    /// First and last texel of a cell.
+    pub fn corners_of(&self, cell: u32) -> [[u32; 2]; 2] {
+        let (cx, cy) = (cell % self.cells_size.x, cell / self.cells_size.x);
+        let end = |at: u32, size: u32| ((at + 1) * self.cell_px).min(size) - 1;
+        [[cx * self.cell_px, cy * self.cell_px], [end(cx, self.size.x), end(cy, self.size.y)]]
     }
 
     /// The cells beside one, of the same grid.

@@ -28,6 +28,7 @@
 mod atlas;
 mod chart;
 mod choose;
+mod eave;
 mod gains;
 mod paint;
 mod render;
@@ -109,6 +110,8 @@ pub enum Choice {
 pub struct TextureTask<'a> {
     /// Surfaces of all buildings, grouped by building.
     pub surfaces: &'a [Surface],
+    /// Surfaces of other buildings, which hide these and have no textures.
+    pub occluders: &'a [Surface],
     /// The ground in the local frame.
     pub ground: LocalGround,
     /// Origin of the local frame.
@@ -121,6 +124,8 @@ pub struct TextureTask<'a> {
     pub texel_m: Option<f64>,
     /// Choice of photos.
     pub choice: Choice,
+    /// Group of each building, by its position among all: a page has the surfaces of one group. Empty: all are one group.
+    pub groups: &'a [usize],
 }
 
 /// The texture of a surface.
@@ -199,7 +204,8 @@ const NO_PHOTO: [u8; 3] = [200, 200, 200];
 /// Makes the textures of a town.
 #[must_use]
 pub fn bake(task: &TextureTask<'_>) -> Textures {
-    let scene = SurfaceScene::new(task.surfaces, task.ground.clone(), task.origin);
+    let all: Vec<Surface> = task.surfaces.iter().chain(task.occluders).cloned().collect();
+    let scene = SurfaceScene::new(&all, task.ground.clone(), task.origin);
     let with_photo: Vec<usize> = (0..task.views.len()).filter(|&v| task.views[v].image.is_some()).collect();
     let placed = views::place(task.views, &with_photo, task.origin);
     let texel_m = task.texel_m.unwrap_or_else(|| views::pixel_m(&scene, &placed).max(FINEST_TEXEL_M));
@@ -225,7 +231,7 @@ pub fn bake(task: &TextureTask<'_>) -> Textures {
             paint::paint(chart.as_ref()?, &palette, task.choice)
         })
         .collect();
-    let atlas = atlas::pack(task.surfaces, &charts, &painted);
+    let atlas = atlas::pack(task, &charts, &painted);
     let plain = plain_colours(task.surfaces, &painted);
     let surfaces: Vec<SurfaceTexture> = (0..task.surfaces.len())
         .map(|i| {

@@ -4,15 +4,18 @@
 //! surface's photo where it shows the cell clearly and agrees with the median of those that do, else the next one. Between the
 //! middles of cells the weights of photos are interpolated, which hides the seams. Texels of cells that no photo shows are
 //! filled from those around them, by ever coarser means.
+//!
+//! Below its upper edge, where the roof's level is uncertain, a wall keeps the photo's colours up to the first texel that differs from the wall
+//! below ([`eave`]).
 
 use image::{Rgb, RgbImage};
 
 use super::chart::Chart;
 use super::views::{Candidate, Shown};
-use super::{Choice, TexturedArea};
+use super::{Choice, TexturedArea, eave};
 
 /// Largest difference of a cell's mean from the median of the photos, of 255, at which a photo still shows the surface.
-const AGREES_WITHIN: f32 = 24.0;
+pub(super) const AGREES_WITHIN: f32 = 24.0;
 /// Fewest photos of which a median tells who is wrong.
 const LEAST_PHOTOS: usize = 3;
 /// Share of a wall's height that may be left out below its eave, at most.
@@ -52,21 +55,31 @@ pub(super) fn paint(chart: &Chart, palette: &Palette<'_>, choice: Choice) -> Opt
         // A texel at least: what the photo's own pixel mixes.
         (eave_m as f32 / chart.texel_m).ceil().max(1.0).min(most) as u32
     });
-    let is_at_eave = |x: u32, y: u32| eave_px > 0 && (y < eave_px || !chart.is_inside(x, y - eave_px));
+    for cell in 0..chart.cells.len() as u32 {
+        for (x, y) in chart.texels_of(cell).filter(|(x, y)| chart.is_inside(*x, *y)) {
+            if painters[cell as usize].is_some() {
+                let colour = colour(chart, palette, &painters, (x, y), choice);
+                picture.put_pixel(x, y, Rgb(colour.map(|v| (v + 0.5) as u8)));
+                known[(y * chart.size.x + x) as usize] = true;
+            }
+        }
+    }
+    if eave_px > 0 {
+        eave::clear(chart, &picture, &mut known, eave_px);
+    }
     let (mut sum, mut n_seen, mut n_filled) = ([0.0_f64; 3], 0_u32, 0_u32);
     let mut n_by = vec![0_u32; palette.candidates.len()];
     for cell in 0..chart.cells.len() as u32 {
         let of = &chart.cells[cell as usize];
         for (x, y) in chart.texels_of(cell).filter(|(x, y)| chart.is_inside(*x, *y)) {
-            let Some(painter) = painters[cell as usize].filter(|_| !is_at_eave(x, y)) else {
+            let is_known = known[(y * chart.size.x + x) as usize];
+            let Some(painter) = painters[cell as usize].filter(|_| is_known) else {
                 n_filled += u32::from(!of.is_party);
                 continue;
             };
-            let colour = colour(chart, palette, &painters, (x, y), choice);
-            picture.put_pixel(x, y, Rgb(colour.map(|v| (v + 0.5) as u8)));
-            known[(y * chart.size.x + x) as usize] = true;
             n_seen += 1;
             n_by[painter] += 1;
+            let colour = picture.get_pixel(x, y).0;
             colour.iter().zip(&mut sum).for_each(|(v, sum)| *sum += f64::from(*v));
         }
     }
@@ -154,11 +167,15 @@ fn colour(
         };
         let (nx, ny) = (beside(dx, cx, chart.cells_size.x), beside(dy, cy, chart.cells_size.y));
         let at = |x: Option<u32>, y: Option<u32>| painters[(y? * chart.cells_size.x + x?) as usize];
+        let around = [at(nx, Some(cy)), at(Some(cx), ny), at(nx, ny)];
+        if around.iter().all(|painter| *painter == own) {
+            return own.and_then(of).map_or([0.0; 3], |colour| colour.map(|v| v.min(255.0)));
+        }
         let (wx, wy) = (dx.abs(), dy.abs());
         add(own, (1.0 - wx) * (1.0 - wy));
-        add(at(nx, Some(cy)), wx * (1.0 - wy));
-        add(at(Some(cx), ny), (1.0 - wx) * wy);
-        add(at(nx, ny), wx * wy);
+        add(around[0], wx * (1.0 - wy));
+        add(around[1], (1.0 - wx) * wy);
+        add(around[2], wx * wy);
     }
     sum.map(|v| (v / total.max(f32::MIN_POSITIVE)).min(255.0))
 }

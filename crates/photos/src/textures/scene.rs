@@ -72,6 +72,23 @@ impl Facet {
         edges.filter(|edge| crosses(*edge)).count() % 2 == 1
     }
 
+    /// The same for places on one level line, from left to right: each edge is met once.
+    pub fn contains_each(&self, places: Vec<Vec2>) -> Vec<bool> {
+        let Some(y) = places.first().map(|at| at.y) else { return Vec::new() };
+        let edges = self.rings.iter().flat_map(|ring| ring.iter().zip(ring.iter().cycle().skip(1)));
+        let met = edges.filter(|(a, b)| (a.y > y) != (b.y > y));
+        let mut crossings: Vec<f32> = met.map(|(a, b)| a.x + (y - a.y) / (b.y - a.y) * (b.x - a.x)).collect();
+        crossings.sort_unstable_by(f32::total_cmp);
+        let mut n_passed = 0;
+        let is_within = |at: Vec2| {
+            while crossings.get(n_passed).is_some_and(|x| at.x >= *x) {
+                n_passed += 1;
+            }
+            (crossings.len() - n_passed) % 2 == 1
+        };
+        places.into_iter().map(is_within).collect()
+    }
+
     /// Lowest and highest place along both axes.
     pub fn bounds(&self) -> (Vec2, Vec2) {
         let all = || self.rings.iter().flatten().copied();

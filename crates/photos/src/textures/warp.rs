@@ -57,6 +57,21 @@ fn bicubic(picture: &RgbImage, x: f64, y: f64) -> [f32; 3] {
     let (x, y) = (x - 0.5, y - 0.5);
     let (col, row) = (x.floor(), y.floor());
     let (across, down) = (weights((x - col) as f32), weights((y - row) as f32));
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    let is_within = |v: f64, n: usize| v >= 1.0 && v + 2.0 < n as f64;
+    if is_within(col, width) && is_within(row, height) {
+        // All sixteen are in the picture: most places.
+        let mut sum = [0.0_f32; 3];
+        let first = 3 * ((row as usize - 1) * width + col as usize - 1);
+        for (j, wy) in down.iter().enumerate() {
+            let four = &picture.as_raw()[first + 3 * j * width..][..12];
+            for (c, sum) in sum.iter_mut().enumerate() {
+                let value = |i: usize| across[i] * f32::from(four[3 * i + c]);
+                *sum += wy * (value(0) + value(1) + value(2) + value(3));
+            }
+        }
+        return sum.map(|v| v.clamp(0.0, 255.0));
+    }
     let clamped = |v: f64, n: u32| v.clamp(0.0, f64::from(n - 1)) as u32;
     let mut sum = [0.0; 3];
     for (j, wy) in down.iter().enumerate() {
@@ -150,10 +165,11 @@ fn colours(
             let is_shown = |at: usize| shown[at] != Shown::Hidden;
             is_shown(cell) || chart.beside(cell).any(|near| is_shown(near) || chart.beside(near).any(is_shown))
         };
+        let seen = |x: u32, y: u32| camera.project(facet.point(chart.place(x, y)).as_dvec3());
         for cell in (0..chart.cells.len()).filter(|cell| chart.cells[*cell].n_texels > 0 && is_wanted(*cell)) {
+            let image = CellImage::of(chart.corners_of(cell as u32), &seen);
             for (x, y) in chart.texels_of(cell as u32) {
-                let seen = camera.project(facet.point(chart.place(x, y)).as_dvec3());
-                let colour = seen.map_or([0.0; 3], |at| pyramid.colour(level, at / size));
+                let colour = image.at(x, y, &seen).map_or([0.0; 3], |at| pyramid.colour(level, at / size));
                 picture.put_pixel(x, y, Rgb(colour.map(|v| (v + 0.5) as u8)));
             }
         }
@@ -161,6 +177,37 @@ fn colours(
         Ok(Colours { picture, means })
     };
     places.par_iter().map(of_place).collect()
+}
+
+/// Pixels of the texels of a cell: between those of its corners, as a camera changes too little over half a metre to be asked for each texel. Seen
+/// from 80 m with a focal length of 4,000 pixels, that is off by 0.04 pixels at most (`f s² / 4 Z²`).
+struct CellImage {
+    first: [u32; 2],
+    /// One by columns and rows from the first to the last texel; 1 where there is one only.
+    n_steps: [f64; 2],
+    /// Upper left, upper right, lower left and lower right corner; `None` where one of them is not in front of the camera.
+    corners: Option<[DVec2; 4]>,
+}
+
+impl CellImage {
+    fn of([first, last]: [[u32; 2]; 2], seen: &impl Fn(u32, u32) -> Option<DVec2>) -> Self {
+        let corner = |x: u32, y: u32| seen(x, y);
+        let corners = || {
+            let above = [corner(first[0], first[1])?, corner(last[0], first[1])?];
+            let below = [corner(first[0], last[1])?, corner(last[0], last[1])?];
+            Some([above[0], above[1], below[0], below[1]])
+        };
+        let n_steps = [0, 1].map(|axis| f64::from(last[axis] - first[axis]).max(1.0));
+        Self { first, n_steps, corners: corners() }
+    }
+
+    /// Pixel of a texel.
+    fn at(&self, x: u32, y: u32, seen: &impl Fn(u32, u32) -> Option<DVec2>) -> Option<DVec2> {
+        let Some([a, b, c, d]) = self.corners else { return seen(x, y) };
+        let u = f64::from(x - self.first[0]) / self.n_steps[0];
+        let v = f64::from(y - self.first[1]) / self.n_steps[1];
+        Some(a.lerp(b, u).lerp(c.lerp(d, u), v))
+    }
 }
 
 fn mean_of_cell(chart: &Chart, picture: &RgbImage, cell: u32) -> [f32; 3] {

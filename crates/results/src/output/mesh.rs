@@ -2,19 +2,24 @@
 //!
 //! A solid is the one with the roof (LOD 2.0) where there is one, else the block. Triangles have all corners of their faces, so each
 //! solid is closed. OBJ and STL count from a corner of the city, as they have no CRS and their readers few digits.
+//!
+//! An OBJ of a textured city has its materials in a file beside it (`….mtl`) and the pictures in a folder (`…-textures`).
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
+use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
 
 use glam::DVec3;
 
 use super::grid::{OutputGrid, SCALE_M};
+use super::picture::colour::Rgb;
 use super::prism::{FaceKind, GridFace, MIN_THICKNESS_M, SnappedPrism};
 use super::roof_solid::{self, Detail};
+use super::textured::{FacePaint, TexturedCity};
 use super::triangles::keeping_corners;
 use super::{BuildingRecord, CityModel, OutputError, Overview, Records};
-use sizeup_geo::files::{FileError, write_whole_or};
+use sizeup_geo::files::{FileError, write_whole, write_whole_or, write_whole_unflushed};
 
 /// Triangles of a building's solid, outwards, on the grid.
 pub(super) struct TriangleSolid {
@@ -29,11 +34,14 @@ impl TriangleSolid {
     pub fn of(record: &BuildingRecord, grid: &OutputGrid) -> Option<Self> {
         let block = SnappedPrism::of(record, grid, MIN_THICKNESS_M).ok()?;
         let faces = roof_solid::faces(record, &block, grid, Detail::Slopes).unwrap_or_else(|| block.faces());
-        let three =
-            |face: GridFace| Some((face.surface, <[[i64; 3]; 3]>::try_from(face.rings.into_iter().next()?).ok()?));
-        let of_face = |face: &GridFace| keeping_corners(face).into_iter().flatten().filter_map(three);
+        let of_face = |face: &GridFace| triangles_of(face).map(|corners| (face.surface, corners)).collect::<Vec<_>>();
         Some(Self { triangles: faces.iter().flat_map(of_face).collect(), base: block.base() })
     }
+}
+
+fn triangles_of(face: &GridFace) -> impl Iterator<Item = [[i64; 3]; 3]> + use<> {
+    let three = |face: GridFace| <[[i64; 3]; 3]>::try_from(face.rings.into_iter().next()?).ok();
+    keeping_corners(face).into_iter().flatten().filter_map(three)
 }
 
 /// Writes `path` (`….obj`): an object per building, its triangles in the groups `ground`, `roof` and `wall`; x east, y north, z up.
@@ -41,6 +49,63 @@ impl TriangleSolid {
 /// # Errors
 /// [`OutputError`]: duplicate ids, a scene larger than the grid, the file system.
 pub fn write_obj<R: Records + ?Sized>(path: &Path, model: &CityModel<'_, R>) -> Result<Overview, OutputError> {
+    write_any_obj(path, model, None)
+}
+
+/// As [`write_obj`], with the textures of a city: its materials are beside it, in a file of the same name (`….mtl`), and the pictures in the
+/// folder `…-textures`.
+///
+/// # Errors
+/// As [`write_obj`], and for pictures that cannot be read.
+pub fn write_textured_obj<R: Records + ?Sized>(
+    path: &Path,
+    model: &CityModel<'_, R>,
+    textured: &TexturedCity,
+) -> Result<Overview, OutputError> {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let grid = Overview::of(model.records)?.grid(SCALE_M)?;
+    let (mut pages, mut colours) = (BTreeSet::new(), BTreeSet::new());
+    model.records.visit(&mut |record| {
+        let solid = PaintedSolid::of(record, &grid, textured)?;
+        for paint in solid.map(|solid| solid.paints).into_iter().flatten() {
+            match paint {
+                FacePaint::Picture { page, .. } => pages.insert(page),
+                FacePaint::Plain(colour) => colours.insert(colour),
+            };
+        }
+        Ok(())
+    })?;
+    let folder = path.with_file_name(format!("{stem}-textures"));
+    fs::create_dir_all(&folder).map_err(FileError::on("cannot write", &folder))?;
+    for page in &pages {
+        let from = &textured.pictures[*page];
+        let bytes = fs::read(from).map_err(FileError::on("cannot read", from))?;
+        write_whole_unflushed(&folder.join(picture_name(*page)), |out| out.write_all(&bytes))?;
+    }
+    let of_page =
+        |page: &usize| format!("newmtl photos-{page}\nKd 1 1 1\nmap_Kd {stem}-textures/{}\n", picture_name(*page));
+    let of_colour = |colour: &Rgb| {
+        let [r, g, b] = colour.map(|v| f64::from(v) / 255.0);
+        format!("newmtl {}\nKd {r:.4} {g:.4} {b:.4}\n", plain_name(*colour))
+    };
+    let text: String = pages.iter().map(of_page).chain(colours.iter().map(of_colour)).collect();
+    write_whole(&path.with_extension("mtl"), |out| out.write_all(text.as_bytes()))?;
+    write_any_obj(path, model, Some((textured, &one_line(&format!("{stem}.mtl")))))
+}
+
+fn picture_name(page: usize) -> String {
+    format!("atlas-{page}.jpg")
+}
+
+fn plain_name([r, g, b]: Rgb) -> String {
+    format!("plain-{r:02x}{g:02x}{b:02x}")
+}
+
+fn write_any_obj<R: Records + ?Sized>(
+    path: &Path,
+    model: &CityModel<'_, R>,
+    textured: Option<(&TexturedCity, &str)>,
+) -> Result<Overview, OutputError> {
     let overview = Overview::of(model.records)?;
     let grid = overview.grid(SCALE_M)?;
     let [x, y, z] = grid.origin_m;
@@ -53,13 +118,84 @@ pub fn write_obj<R: Records + ?Sized>(path: &Path, model: &CityModel<'_, R>) -> 
             one_line(&model.crs.to_string())
         )
         .map_err(failed)?;
-        let mut n_before = 0;
-        model.records.visit(&mut |record| match TriangleSolid::of(record, &grid) {
-            Some(solid) => obj(out, &record.id, &solid, &mut n_before).map_err(failed),
-            None => Ok(()),
+        if let Some((_, materials)) = textured {
+            writeln!(out, "mtllib {materials}").map_err(failed)?;
+        }
+        let (mut n_before, mut n_places) = (0, 0);
+        model.records.visit(&mut |record| {
+            let painted = textured.map(|(textured, _)| PaintedSolid::of(record, &grid, textured)).transpose()?;
+            match (painted.flatten(), TriangleSolid::of(record, &grid)) {
+                (Some(painted), _) => {
+                    painted_obj(out, &record.id, &painted, [&mut n_before, &mut n_places]).map_err(failed)
+                }
+                (None, Some(solid)) => obj(out, &record.id, &solid, &mut n_before).map_err(failed),
+                (None, None) => Ok(()),
+            }
         })
     })?;
     Ok(overview)
+}
+
+/// The faces of a building's solid with their looks.
+struct PaintedSolid {
+    faces: Vec<GridFace>,
+    paints: Vec<FacePaint>,
+}
+
+impl PaintedSolid {
+    fn of(record: &BuildingRecord, grid: &OutputGrid, textured: &TexturedCity) -> Result<Option<Self>, OutputError> {
+        let Ok(block) = SnappedPrism::of(record, grid, MIN_THICKNESS_M) else { return Ok(None) };
+        Ok(textured.solid(&record.id, &block, grid)?.map(|(faces, paints)| Self { faces, paints }))
+    }
+}
+
+/// One object with materials. The counts are of the corners, and of the places on pictures, of those before it.
+fn painted_obj(
+    out: &mut dyn Write,
+    id: &str,
+    solid: &PaintedSolid,
+    [n_corners, n_places]: [&mut usize; 2],
+) -> io::Result<()> {
+    writeln!(out, "o {}", one_line(id))?;
+    let mut numbers: HashMap<[i64; 3], usize> = HashMap::new();
+    for corner in solid.faces.iter().flat_map(triangles_of).flatten() {
+        if !numbers.contains_key(&corner) {
+            numbers.insert(corner, *n_corners + numbers.len() + 1);
+            let [x, y, z] = corner.map(|step| step as f64 * SCALE_M);
+            writeln!(out, "v {x:.3} {y:.3} {z:.3}")?;
+        }
+    }
+    *n_corners += numbers.len();
+    let (mut group, mut material) = (None, String::new());
+    for (face, paint) in solid.faces.iter().zip(&solid.paints) {
+        if group != Some(face.surface) {
+            group = Some(face.surface);
+            writeln!(out, "g {}", kind_name(face.surface))?;
+        }
+        let (name, places) = match paint {
+            FacePaint::Picture { page, uv } => (format!("photos-{page}"), uv.concat()),
+            FacePaint::Plain(colour) => (plain_name(*colour), Vec::new()),
+        };
+        if material != name {
+            writeln!(out, "usemtl {name}")?;
+            material = name;
+        }
+        // Places count from the lower left corner.
+        for [u, v] in &places {
+            writeln!(out, "vt {u:.6} {:.6}", 1.0 - v)?;
+        }
+        let corners: HashMap<[i64; 3], usize> = face.rings.iter().flatten().copied().zip(*n_places + 1..).collect();
+        for triangle in triangles_of(face) {
+            let corner = |corner: [i64; 3]| {
+                let place = if places.is_empty() { String::new() } else { format!("/{}", corners[&corner]) };
+                format!("{}{place}", numbers[&corner])
+            };
+            let [a, b, c] = triangle.map(corner);
+            writeln!(out, "f {a} {b} {c}")?;
+        }
+        *n_places += places.len();
+    }
+    Ok(())
 }
 
 /// One object. `n_before` counts the corners of those before it.

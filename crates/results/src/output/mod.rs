@@ -45,6 +45,7 @@ pub mod grid;
 pub mod kml;
 mod lineage;
 pub mod mesh;
+mod palette;
 pub mod party_walls;
 pub mod picture;
 pub mod planar;

@@ -18,6 +18,7 @@ mod data;
 mod evidence;
 mod page;
 mod serve;
+mod textured;
 mod tileset;
 
 pub use backdrop::Backdrop;
@@ -31,7 +32,8 @@ use std::path::Path;
 use image::RgbImage;
 use serde::Serialize;
 
-use crate::output::CityModel;
+use crate::output::textured::TexturedCity;
+use crate::output::{CityModel, OutputError};
 use sizeup_geo::files::{FileError, write_whole};
 use sizeup_geo::terrain::Terrain;
 use sizeup_survey::SurveyReport;
@@ -59,6 +61,8 @@ pub struct Report<'a> {
     pub overview: Option<RgbImage>,
     /// The ground as photos show it, under the map.
     pub backdrop: Option<Backdrop>,
+    /// The city with textures from the photos, shown first where there is one.
+    pub textured: Option<&'a TexturedCity>,
     /// The resolved configuration, TOML.
     pub config: String,
 }
@@ -112,11 +116,11 @@ pub struct LevelFit {
 /// Writes the page, whole or not at all.
 ///
 /// # Errors
-/// [`FileError`].
-pub fn write(path: &Path, report: &Report<'_>) -> Result<(), FileError> {
-    let data = data::Data::of(report);
+/// [`OutputError`]: a textured city that cannot be read, or the file system.
+pub fn write(path: &Path, report: &Report<'_>) -> Result<(), OutputError> {
+    let data = data::Data::of(report)?;
     let json =
         serde_json::to_string(&data).map_err(std::io::Error::other).map_err(FileError::on("cannot write", path))?;
     let html = page::report(&data.title, &json);
-    write_whole(path, |out| out.write_all(html.as_bytes()))
+    Ok(write_whole(path, |out| out.write_all(html.as_bytes()))?)
 }

@@ -3,23 +3,25 @@
 //! Axes are glTF's: x east, y up, z south, metres from the origin of the output grid: whole metres of the project's CRS, stated in the
 //! `extras` of the root node. Materials are unlit (`KHR_materials_unlit`): the photos have the light of the day in them.
 
+use std::cmp::Ordering;
+
 use glam::{DVec3, Vec2};
 use serde_json::{Value, json};
 
 use super::super::attributes;
 use super::super::facts::SolidFacts;
+use super::super::palette::Palette;
 use super::super::prism::{FaceKind, MIN_THICKNESS_M};
-use super::super::tiles3d::glb::{Buffers, container, linear};
+use super::super::tiles3d::glb::{Buffers, container};
 use super::super::triangles;
 use super::super::{BuildingRecord, CityModel};
 use super::ground::GroundMesh;
-use super::{CitySurfaces, SolidBuilding, TexturedGround};
+use super::{CitySurfaces, SolidBuilding, TexturedGround, UNSEEN};
 use sizeup_photos::textures::Textures;
 
 /// Numbers of the format (glTF 2.0, 5.1 and 5.11).
 const FLOAT: u32 = 5126;
 const UNSIGNED_INT: u32 = 5125;
-const UNSIGNED_BYTE: u32 = 5121;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 const UNLIT: &str = "KHR_materials_unlit";
@@ -30,7 +32,6 @@ struct Mesh {
     positions: Vec<[f32; 3]>,
     normals: Vec<[f32; 3]>,
     uv: Vec<[f32; 2]>,
-    colours: Vec<[u8; 4]>,
     indices: Vec<u32>,
 }
 
@@ -41,6 +42,7 @@ struct File {
     accessors: Vec<Value>,
     meshes: Vec<Value>,
     nodes: Vec<Value>,
+    palette: Palette,
 }
 
 /// The file of a city.
@@ -50,7 +52,8 @@ pub(super) fn glb(
     textures: &Textures,
     ground: Option<&TexturedGround>,
 ) -> Vec<u8> {
-    let mut file = File::default();
+    let plain = textures.surfaces.iter().filter(|texture| texture.page.is_none()).map(|texture| texture.plain);
+    let mut file = File { palette: Palette::of(plain.chain([UNSEEN])), ..File::default() };
     for building in &city.buildings {
         file.add(&model.records[building.record], building, city, textures);
     }
@@ -73,40 +76,46 @@ pub(super) fn glb(
         file.nodes[0]["children"].take();
         file.nodes[0].as_object_mut().map(|node| node.remove("children"));
     }
-    let mut picture = |jpeg: &[u8]| json!({ "bufferView": file.buffers.view(jpeg), "mimeType": "image/jpeg" });
-    let mut images: Vec<Value> = textures.pages.iter().map(|page| picture(&page.jpeg)).collect();
-    images.extend(ground.map(|ground| picture(&ground.jpeg())));
+    let mut picture = |bytes: &[u8], kind: &str| json!({ "bufferView": file.buffers.view(bytes), "mimeType": kind });
+    let mut images: Vec<Value> = textures.pages.iter().map(|page| picture(&page.jpeg, "image/jpeg")).collect();
+    images.push(picture(&file.palette.png(), "image/png"));
+    images.extend(ground.map(|ground| picture(&ground.jpeg(), "image/jpeg")));
     let n_images = images.len();
     let material = |image: usize| {
-        let name = if image < n_pages { format!("atlas-{image}") } else { "ground".to_owned() };
+        let name = match image.cmp(&n_pages) {
+            Ordering::Less => format!("atlas-{image}"),
+            Ordering::Equal => "plain".to_owned(),
+            Ordering::Greater => "ground".to_owned(),
+        };
         json!({
             "name": name,
             "pbrMetallicRoughness": { "baseColorTexture": { "index": image }, "metallicFactor": 0.0, "roughnessFactor": 1.0 },
             "extensions": { UNLIT: {} },
         })
     };
-    let plain = json!({
-        "name": "plain", "pbrMetallicRoughness": { "metallicFactor": 0.0, "roughnessFactor": 1.0 }, "extensions": { UNLIT: {} },
-    });
     let mut json = json!({
         "asset": { "version": "2.0", "generator": concat!("sizeup ", env!("CARGO_PKG_VERSION")) },
         "extensionsUsed": [UNLIT],
         "scene": 0,
         "scenes": [{ "nodes": [root] }],
         "nodes": file.nodes,
-        "materials": (0..n_pages).map(material).chain([plain]).chain((n_pages..n_images).map(material)).collect::<Vec<Value>>(),
+        "materials": (0..n_images).map(material).collect::<Vec<Value>>(),
     });
+    // 9729, 9987: linear, from smaller copies; 9728: the nearest pixel, so that plain colours do not mix; 33071: no repeat.
+    let samplers = json!([
+        { "magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071 },
+        { "magFilter": 9728, "minFilter": 9728, "wrapS": 33071, "wrapT": 33071 },
+    ]);
+    let texture = |image: usize| json!({ "sampler": usize::from(image == n_pages), "source": image });
+    json["samplers"] = samplers;
+    json["textures"] = (0..n_images).map(texture).collect();
+    json["images"] = Value::Array(images);
     let mut add = |name: &str, list: Vec<Value>| {
         // glTF forbids empty lists.
         if !list.is_empty() {
             json[name] = Value::Array(list);
         }
     };
-    // 9729, 9987: linear, from smaller copies; 33071: no repeat.
-    let sampler = json!({ "magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071 });
-    add("samplers", if n_images > 0 { vec![sampler] } else { Vec::new() });
-    add("textures", (0..n_images).map(|image| json!({ "sampler": 0, "source": image })).collect());
-    add("images", images);
     add("meshes", file.meshes);
     add("accessors", file.accessors);
     let (bytes, views) = file.buffers.into_parts();
@@ -137,9 +146,8 @@ impl File {
             mesh.normals.extend(corners().map(|_| normal));
             mesh.uv.extend(texture.uv.iter().flatten().map(|at| Vec2::new(at.x as f32, at.y as f32).to_array()));
             if texture.page.is_none() {
-                let colour = if face.surface == FaceKind::Ground { [128; 3] } else { texture.plain };
-                let [r, g, b] = linear(colour);
-                mesh.colours.extend(corners().map(|_| [r, g, b, u8::MAX]));
+                let colour = if face.surface == FaceKind::Ground { UNSEEN } else { texture.plain };
+                mesh.uv.extend(corners().map(|_| self.palette.uv(colour)));
             }
             mesh.indices.extend(triangles::of_face(face).iter().flatten().map(|k| (first + k) as u32));
         }
@@ -177,13 +185,7 @@ impl File {
         if !mesh.normals.is_empty() {
             attributes["NORMAL"] = json!(self.vertices(&floats(&mesh.normals), "VEC3", FLOAT, mesh.normals.len()));
         }
-        if mesh.colours.is_empty() {
-            attributes["TEXCOORD_0"] = json!(self.vertices(&floats(&mesh.uv), "VEC2", FLOAT, mesh.uv.len()));
-        } else {
-            let colour = self.vertices(&mesh.colours.concat(), "VEC4", UNSIGNED_BYTE, mesh.colours.len());
-            self.accessors[colour]["normalized"] = json!(true);
-            attributes["COLOR_0"] = json!(colour);
-        }
+        attributes["TEXCOORD_0"] = json!(self.vertices(&floats(&mesh.uv), "VEC2", FLOAT, mesh.uv.len()));
         let bytes: Vec<u8> = mesh.indices.iter().flat_map(|i| i.to_le_bytes()).collect();
         let indices = self.accessor(&bytes, ELEMENT_ARRAY_BUFFER, "SCALAR", UNSIGNED_INT, mesh.indices.len());
         json!({ "mode": 4, "material": material, "indices": indices, "attributes": attributes })

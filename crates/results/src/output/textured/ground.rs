@@ -3,6 +3,7 @@
 use glam::{DVec2, DVec3};
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
+use serde::{Deserialize, Serialize};
 
 use super::super::grid::OutputGrid;
 
@@ -10,9 +11,10 @@ use super::super::grid::OutputGrid;
 const JPEG_QUALITY: u8 = 85;
 
 /// Ground with a picture of it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TexturedGround {
-    /// The ground from above, north up.
+    /// The ground from above, north up; beside the numbers in files.
+    #[serde(skip)]
     pub picture: RgbImage,
     /// Western, southern, eastern and northern edge of the picture, map frame, metres.
     pub bounds_m: [f64; 4],
@@ -32,29 +34,43 @@ pub(super) struct GroundMesh {
 }
 
 impl TexturedGround {
-    pub(super) fn mesh(&self, grid: &OutputGrid) -> GroundMesh {
+    /// Place of a node on the picture, shares from its upper left corner.
+    pub(in crate::output) fn share(&self, node: usize) -> DVec2 {
         let [columns, rows] = self.n_nodes;
+        let [last_x, last_y] = [columns - 1, rows - 1].map(|last| last as f64);
+        DVec2::new((node % columns) as f64 / last_x, (node / columns) as f64 / last_y)
+    }
+
+    /// Nodes in the map, metres.
+    pub(in crate::output) fn nodes(&self) -> Vec<DVec3> {
         let [west_m, south_m, east_m, north_m] = self.bounds_m;
-        let share = |i: usize| {
-            let [last_x, last_y] = [columns - 1, rows - 1].map(|last| last as f64);
-            DVec2::new((i % columns) as f64 / last_x, (i / columns) as f64 / last_y)
+        let node = |i: usize| {
+            let at = self.share(i);
+            DVec3::new(west_m + at.x * (east_m - west_m), north_m - at.y * (north_m - south_m), self.heights_m[i])
         };
-        let origin = DVec3::from_array(grid.origin_m);
-        let position = |i: usize| {
-            let at = share(i);
-            let (x, y) = (west_m + at.x * (east_m - west_m), north_m - at.y * (north_m - south_m));
-            let local = DVec3::new(x, y, self.heights_m[i]) - origin;
-            DVec3::new(local.x, local.z, -local.y).as_vec3().to_array()
-        };
-        let n = columns * rows;
+        (0..self.n_nodes[0] * self.n_nodes[1]).map(node).collect()
+    }
+
+    /// Triangles between the nodes, counter-clockwise seen from above.
+    pub(in crate::output) fn triangles(&self) -> Vec<u32> {
+        let [columns, rows] = self.n_nodes;
         let corner = |i: usize| (i % columns + 1 < columns && i / columns + 1 < rows).then_some(i as u32);
         let below = columns as u32;
-        // Counter-clockwise seen from above.
         let cell = |i: u32| [i, i + below, i + 1, i + 1, i + below, i + below + 1];
+        (0..columns * rows).filter_map(corner).flat_map(cell).collect()
+    }
+
+    pub(super) fn mesh(&self, grid: &OutputGrid) -> GroundMesh {
+        let origin = DVec3::from_array(grid.origin_m);
+        let position = |node: &DVec3| {
+            let local = *node - origin;
+            DVec3::new(local.x, local.z, -local.y).as_vec3().to_array()
+        };
+        let n = self.n_nodes[0] * self.n_nodes[1];
         GroundMesh {
-            positions: (0..n).map(position).collect(),
-            uv: (0..n).map(|i| share(i).as_vec2().to_array()).collect(),
-            indices: (0..n).filter_map(corner).flat_map(cell).collect(),
+            positions: self.nodes().iter().map(position).collect(),
+            uv: (0..n).map(|i| self.share(i).as_vec2().to_array()).collect(),
+            indices: self.triangles(),
         }
     }
 

@@ -6,12 +6,16 @@
 //! | `appearance/atlas-N.jpg` | its pictures |
 //! | `textures.json` | which photos paint each building, and how much of it they show |
 //! | `city.glb` | binary glTF 2.0, one named node per building and one for the ground, pictures embedded ([`glb`]) |
+//! | `ground.json`, `appearance/ground.jpg` | the ground: heights at the nodes of a grid, and its picture |
+//!
+//! The buildings of a page are those of a tile of a [`quadtree`](super::tiles3d): 3D Tiles that are made of the folder take whole pages.
 //!
 //! The textures are those of the solids with roofs (LOD 2.0), or of the blocks (LOD 1.2) of a city without roofs. Faces that lower
 //! levels of detail share with them have the same texture there; their other faces have none.
 
 mod glb;
 mod ground;
+mod read;
 
 use std::collections::HashMap;
 use std::fs;
@@ -28,8 +32,11 @@ use super::prism::{FaceKind, GridFace, MIN_THICKNESS_M, SnappedPrism};
 use super::reports::write_json;
 use super::roof_solid::{self, Detail};
 use super::tiles3d::folder;
+use super::tiles3d::quadtree::{Node, TreeItem};
 use super::{BuildingRecord, CityModel, OutputError, Overview};
 pub use ground::TexturedGround;
+pub use read::TexturedCity;
+pub(in crate::output) use read::{FacePaint, UNSEEN};
 use sizeup_geo::files::{FileError, write_whole_unflushed};
 use sizeup_photos::textures::{Surface, SurfaceKind, SurfaceTexture, Textures};
 
@@ -37,8 +44,13 @@ use sizeup_photos::textures::{Surface, SurfaceKind, SurfaceTexture, Textures};
 pub const FOLDER: &str = "textured";
 const CITY: &str = "city.city.json";
 const GLB: &str = "city.glb";
-const SUMMARY: &str = "textures.json";
+/// Name of the file of its numbers, which makes a folder a textured city.
+pub const SUMMARY: &str = "textures.json";
 const PICTURES: &str = "appearance";
+const GROUND: &str = "ground.json";
+const GROUND_PICTURE: &str = "appearance/ground.jpg";
+/// Most buildings whose textures are in one file of 3D Tiles: 2 to 5 MB at 0.1 m texels.
+const MOST_BUILDINGS: usize = 50;
 /// Theme of textures and of colours where there are none.
 const THEME: &str = "photos";
 /// Digits of a place on a page: a hundredth of a texel on the largest.
@@ -57,6 +69,10 @@ struct SolidBuilding {
 pub struct CitySurfaces {
     /// The surfaces; each `building` is the position of a record.
     pub surfaces: Vec<Surface>,
+    /// Tile of each building, by the position of its record; 0 for one without a solid.
+    pub tile_of: Vec<usize>,
+    /// Names of the tiles.
+    tiles: Vec<String>,
     grid: OutputGrid,
     buildings: Vec<SolidBuilding>,
 }
@@ -68,7 +84,8 @@ impl CitySurfaces {
     /// As [`Overview::of`].
     pub fn of(records: &[BuildingRecord]) -> Result<Self, OutputError> {
         let grid = Overview::of(records)?.grid(SCALE_M)?;
-        let mut city = Self { surfaces: Vec::new(), grid, buildings: Vec::new() };
+        let tile_of = vec![0; records.len()];
+        let mut city = Self { surfaces: Vec::new(), tile_of, tiles: Vec::new(), grid, buildings: Vec::new() };
         for (i, record) in records.iter().enumerate() {
             let Ok(prism) = SnappedPrism::of(record, &grid, MIN_THICKNESS_M) else { continue };
             let faces = roof_solid::faces(record, &prism, &grid, Detail::Slopes).unwrap_or_else(|| prism.faces());
@@ -76,7 +93,33 @@ impl CitySurfaces {
             city.surfaces.extend(faces.iter().map(|face| surface(i, record, face, &grid)));
             city.buildings.push(SolidBuilding { record: i, faces, first });
         }
+        city.cut();
         Ok(city)
+    }
+
+    /// Cuts the city into tiles.
+    fn cut(&mut self) {
+        let item = |building: &SolidBuilding| {
+            let corners = || building.faces.iter().flat_map(|face| face.rings.iter().flatten());
+            let corners = || corners().map(|p| DVec3::from_array(self.grid.metres(*p)));
+            let low = corners().fold(DVec3::INFINITY, DVec3::min);
+            let high = corners().fold(DVec3::NEG_INFINITY, DVec3::max);
+            let middle = (low + high) / 2.0;
+            TreeItem { idx: building.record, centre: [middle.x, middle.y], size_m: (high - low).length() }
+        };
+        let tree = Node::root(self.buildings.iter().map(item).collect(), MOST_BUILDINGS);
+        let mut open: Vec<Node> = tree.into_iter().collect();
+        while let Some(node) = open.pop() {
+            node.members.iter().for_each(|&record| self.tile_of[record] = self.tiles.len());
+            self.tiles.push(node.name);
+            open.extend(node.children);
+        }
+    }
+
+    /// Name of the tile of a building, by the position of its record; `None` in a city without solids.
+    #[must_use]
+    pub fn tile(&self, record: usize) -> Option<&str> {
+        self.tiles.get(self.tile_of[record]).map(String::as_str)
     }
 }
 
@@ -124,6 +167,10 @@ pub fn write(
         cityjson::write_painted(&new.join(CITY), model, config, &painting)?;
         let bytes = glb::glb(model, city, textures, ground);
         write_whole_unflushed(&new.join(GLB), |out| out.write_all(&bytes))?;
+        if let Some(ground) = ground {
+            write_whole_unflushed(&new.join(GROUND_PICTURE), |out| out.write_all(&ground.jpeg()))?;
+            write_json(&new.join(GROUND), ground)?;
+        }
         Ok(write_json(&new.join(SUMMARY), summary)?)
     })
 }

@@ -1,5 +1,7 @@
 //! One tile as binary glTF 2.0: a mesh with feature ids (`EXT_mesh_features`) and a property table.
 //!
+//! All colours are pictures, also those of the legend ([`Palette`]). Pictures of photos are unlit, as the light of the day is in them.
+//!
 //! ```text
 //! file = "glTF" 2 length | length "JSON" json | length "BIN\0" buffer        little-endian, chunks to 4 bytes
 //! ```
@@ -7,23 +9,25 @@
 //! With [`Precision::Quantised`], positions are 16-bit steps of the tile's longest side and normals 8-bit
 //! (`KHR_mesh_quantization`): half the size, and an error of at most half a step, 4 mm in a tile of 500 m.
 
+use std::collections::BTreeMap;
+
 use glam::DVec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::mesh::TileMesh;
+use super::super::palette::Palette;
+use super::mesh::{Material, TileMesh};
 use super::metadata::NamedColumns;
-use crate::output::picture::colour::Rgb;
 
 /// Numbers of the format (glTF 2.0, 5.1 and 5.11).
 const FLOAT: u32 = 5126;
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
 const BYTE: u32 = 5120;
-const UNSIGNED_BYTE: u32 = 5121;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+const UNLIT: &str = "KHR_materials_unlit";
 /// Property tables want their values to begin at multiples of 8 bytes.
 const ALIGNMENT: usize = 8;
 
@@ -79,53 +83,69 @@ pub struct GlbTile<'a> {
     pub mesh: &'a TileMesh,
     /// One row per building.
     pub rows: &'a [&'a [Value]],
-    /// One colour per building.
-    pub colours: &'a [Rgb],
-    /// Columns of the rows.
-    pub properties: &'a NamedColumns,
+    /// Palette of the plain colours of the tile.
+    pub palette: &'a Palette,
+    /// Pictures that the tile's triangles have, JPEG, by their position.
+    pub pictures: &'a BTreeMap<usize, Vec<u8>>,
+    /// Columns of the rows; `None` for a tile without attributes.
+    pub properties: Option<&'a NamedColumns>,
+    /// Name of the tile.
+    pub name: &'a str,
 }
 
 /// The file of a tile.
 #[must_use]
 pub fn glb(tile: &GlbTile<'_>, precision: Precision) -> Vec<u8> {
     let mut parts = GlbParts::default();
-    let indices = parts.indices(&tile.mesh.indices);
-    let (node, position, normal) = match precision {
+    let (mut node, position, normal) = match precision {
         Precision::Float => parts.reals(tile.mesh),
         Precision::Quantised => parts.steps(tile.mesh),
     };
-    let feature = parts.feature_ids(&tile.mesh.features);
-    let colour = parts.colours(&tile.mesh.features, tile.colours);
-    let attributes = json!({ "POSITION": position, "NORMAL": normal, "COLOR_0": colour, "_FEATURE_ID_0": feature });
-    let table = tile.properties.table(tile.rows, &mut parts.buffers);
-    let mut extensions = vec!["EXT_mesh_features", "EXT_structural_metadata"];
+    node["name"] = json!(tile.name);
+    let mut attributes = json!({ "POSITION": position, "NORMAL": normal, "TEXCOORD_0": parts.places(&tile.mesh.uv) });
+    if !tile.mesh.features.is_empty() {
+        attributes["_FEATURE_ID_0"] = json!(parts.feature_ids(&tile.mesh.features));
+    }
+    let materials: Vec<Material> = tile.mesh.indices.keys().copied().collect();
+    let primitive = |(material, indices): (usize, &Vec<u32>)| {
+        let indices = parts.indices(indices);
+        let mut primitive = json!({ "mode": 4, "material": material, "indices": indices, "attributes": attributes });
+        if tile.properties.is_some() {
+            primitive["extensions"] = json!({ "EXT_mesh_features": { "featureIds": [
+                { "featureCount": tile.rows.len(), "attribute": 0, "propertyTable": 0, "label": "building" },
+            ] } });
+        }
+        primitive
+    };
+    let primitives: Vec<Value> = tile.mesh.indices.values().enumerate().map(primitive).collect();
+    let mut extensions = Vec::new();
     let mut json = json!({
         "asset": { "version": "2.0", "generator": concat!("sizeup ", env!("CARGO_PKG_VERSION")) },
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
         "nodes": [node],
-        "materials": [{
-            "name": "building",
-            "pbrMetallicRoughness": { "baseColorFactor": [1.0, 1.0, 1.0, 1.0], "metallicFactor": 0.0, "roughnessFactor": 1.0 },
-        }],
-        "meshes": [{ "primitives": [{
-            "mode": 4, "material": 0, "indices": indices, "attributes": attributes,
-            "extensions": { "EXT_mesh_features": { "featureIds": [
-                { "featureCount": tile.rows.len(), "attribute": 0, "propertyTable": 0, "label": "building" },
-            ] } },
-        }] }],
-        "extensions": { "EXT_structural_metadata": {
-            "schema": tile.properties.schema(), "propertyTables": [table],
-        } },
-        "accessors": parts.accessors,
-        "bufferViews": parts.buffers.views,
-        "buffers": [{ "byteLength": parts.buffers.bytes.len() }],
+        "meshes": [{ "name": tile.name, "primitives": primitives }],
     });
+    parts.pictures(tile, &materials, &mut json);
+    if tile.mesh.indices.keys().any(|material| *material != Material::Palette) {
+        extensions.push(UNLIT);
+    }
+    if let Some(properties) = tile.properties {
+        let table = properties.table(tile.rows, &mut parts.buffers);
+        json["extensions"] =
+            json!({ "EXT_structural_metadata": { "schema": properties.schema(), "propertyTables": [table] } });
+        extensions.extend(["EXT_mesh_features", "EXT_structural_metadata"]);
+    }
     if precision == Precision::Quantised {
         extensions.push("KHR_mesh_quantization");
         json["extensionsRequired"] = json!(["KHR_mesh_quantization"]);
     }
-    json["extensionsUsed"] = json!(extensions);
+    if !extensions.is_empty() {
+        json["extensionsUsed"] = json!(extensions);
+    }
+    json["accessors"] = Value::Array(parts.accessors);
+    json["bufferViews"] = Value::Array(parts.buffers.views);
+    json["buffers"] = json!([{ "byteLength": parts.buffers.bytes.len() }]);
     container(&json, parts.buffers.bytes)
 }
 
@@ -197,12 +217,48 @@ impl GlbParts {
         self.accessor(json!({ "bufferView": view, "componentType": FLOAT, "type": "SCALAR", "count": features.len() }))
     }
 
-    fn colours(&mut self, features: &[u32], colours: &[Rgb]) -> usize {
-        let of_vertex = |&id: &u32| linear(colours[id as usize]);
-        let bytes: Vec<u8> = features.iter().map(of_vertex).flat_map(|[r, g, b]| [r, g, b, u8::MAX]).collect();
-        let view = self.buffers.vertices(&bytes, 4);
-        self.accessor(json!({ "bufferView": view, "componentType": UNSIGNED_BYTE, "normalized": true,
-                              "type": "VEC4", "count": features.len() }))
+    /// Places on pictures.
+    fn places(&mut self, uv: &[[f32; 2]]) -> usize {
+        let bytes: Vec<u8> = uv.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
+        let view = self.buffers.vertices(&bytes, 8);
+        self.accessor(json!({ "bufferView": view, "componentType": FLOAT, "type": "VEC2", "count": uv.len() }))
+    }
+
+    /// Adds materials with their textures, samplers and images.
+    fn pictures(&mut self, tile: &GlbTile<'_>, materials: &[Material], json: &mut Value) {
+        let is_photographic = materials.iter().any(|material| *material != Material::Palette);
+        let mut image = |material: &Material| match material {
+            Material::Palette => {
+                json!({ "bufferView": self.buffers.view(&tile.palette.png()), "mimeType": "image/png" })
+            }
+            Material::Page(page) => {
+                json!({ "bufferView": self.buffers.view(&tile.pictures[page]), "mimeType": "image/jpeg" })
+            }
+        };
+        json["images"] = materials.iter().map(&mut image).collect();
+        // 9728: the nearest pixel, so that colours do not mix; 9729, 9987: linear, from smaller copies; 33071: no repeat.
+        json["samplers"] = json!([
+            { "magFilter": 9728, "minFilter": 9728, "wrapS": 33071, "wrapT": 33071 },
+            { "magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071 },
+        ]);
+        let sampler = |material: &Material| usize::from(*material != Material::Palette);
+        json["textures"] =
+            materials.iter().enumerate().map(|(i, of)| json!({ "sampler": sampler(of), "source": i })).collect();
+        let material = |(i, of): (usize, &Material)| {
+            let name = match of {
+                Material::Palette => "building".to_owned(),
+                Material::Page(page) => format!("photos-{page}"),
+            };
+            let mut material = json!({
+                "name": name,
+                "pbrMetallicRoughness": { "baseColorTexture": { "index": i }, "metallicFactor": 0.0, "roughnessFactor": 1.0 },
+            });
+            if is_photographic {
+                material["extensions"] = json!({ UNLIT: {} });
+            }
+            material
+        };
+        json["materials"] = materials.iter().enumerate().map(material).collect();
     }
 }
 
@@ -213,15 +269,6 @@ fn extremes<T: Copy + PartialOrd>(points: &[[T; 3]]) -> [Vec<T>; 2] {
         (0..3).filter_map(of).collect()
     };
     [pick(|a, b| a <= b), pick(|a, b| a >= b)]
-}
-
-/// Vertex colours are linear in glTF, ours are sRGB (IEC 61966-2-1).
-pub fn linear(colour: Rgb) -> Rgb {
-    colour.map(|c| {
-        let c = f64::from(c) / 255.0;
-        let linear = if c <= 0.040_45 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
-        (linear * 255.0).round() as u8
-    })
 }
 
 /// A binary glTF of its two chunks.

@@ -8,17 +8,22 @@
 //! ```
 //!
 //! The buildings wait on disk while their tiles are chosen: in memory there is one tile, and some 50 bytes per building.
+//!
+//! Buildings have the colours of the legend, or the textures of a [`TexturedCity`]; its tiles are then those of the tileset, and its ground is a
+//! tile without features.
 
 pub(super) mod folder;
 pub(super) mod glb;
 mod mesh;
 mod metadata;
 mod place;
-mod quadtree;
+pub(super) mod quadtree;
 mod spool;
 
 use crate::output::grid::SCALE_M;
 use crate::output::prism::MIN_THICKNESS_M;
+use std::collections::BTreeMap;
+use std::fs;
 use std::path::Path;
 
 use glam::DVec3;
@@ -29,13 +34,14 @@ use serde_json::{Value, json};
 use super::buildings::Wholes;
 use super::footprints::FootprintRows;
 use super::grid::OutputGrid;
-use super::picture::colour::{Rgb, height_colour};
+use super::palette::Palette;
 use super::prism::SnappedPrism;
 use super::reports::write_json;
 use super::roof_solid::{self, Detail};
-use super::{CityModel, OutputError, Overview, Records};
+use super::textured::TexturedCity;
+use super::{BuildingRecord, CityModel, OutputError, Overview, Records};
 pub use glb::Precision;
-use mesh::{TileBuilding, TileMesh};
+use mesh::{Material, TileBuilding, TileMesh};
 use metadata::NamedColumns;
 pub use place::Heights;
 use place::TilesetPlace;
@@ -73,6 +79,59 @@ pub fn check_place(crs: &Crs, heights: Heights, at_m: DVec3) -> Result<(), Outpu
 
 /// Lineage of the result, beside the tileset: every globe loads that, and nobody's globe needs this.
 const LINEAGE: &str = "lineage.json";
+/// Name of the tile of the ground.
+const GROUND: &str = "ground";
+
+/// A textured city as it is shown in the map: binary glTF around an origin.
+pub(crate) struct MapView {
+    /// Buildings; features are positions of records.
+    pub buildings: Vec<u8>,
+    /// The ground around the buildings.
+    pub ground: Option<Vec<u8>>,
+    /// Positions of the records that it shows.
+    pub shown: Vec<usize>,
+}
+
+impl MapView {
+    /// View of the records that have textures; `None` where none has.
+    ///
+    /// # Errors
+    /// [`OutputError`]: pictures that cannot be read.
+    pub fn of(
+        records: &[BuildingRecord],
+        grid: &OutputGrid,
+        textured: &TexturedCity,
+    ) -> Result<Option<Self>, OutputError> {
+        let block = |record: &BuildingRecord| {
+            let prism = SnappedPrism::of(record, grid, MIN_THICKNESS_M).ok()?;
+            let found = textured.solid(&record.id, &prism, grid).transpose()?;
+            let block = |(faces, paints)| TileBuilding {
+                prism,
+                roofed: Some(faces),
+                paints,
+                values: Vec::new(),
+                height_m: 0.0,
+            };
+            Some(found.map(block))
+        };
+        let found = records.iter().enumerate().filter_map(|(i, record)| Some((i, block(record)?)));
+        let found = found.map(|(i, block)| Ok((i, block?))).collect::<Result<Vec<_>, OutputError>>()?;
+        let (shown, blocks): (Vec<usize>, Vec<TileBuilding>) = found.into_iter().unzip();
+        if shown.is_empty() {
+            return Ok(None);
+        }
+        let writer = TileWriter {
+            spool: None,
+            grid,
+            place: &TilesetPlace::in_map(DVec3::from_array(grid.origin_m)),
+            properties: None,
+            precision: Precision::Float,
+            textured: Some(textured),
+        };
+        let tile = writer.tile_of(&blocks, "buildings", &|i| shown[i] as u32)?;
+        Ok(Some(Self { buildings: tile.0, ground: writer.ground_glb()?.map(|(bytes, _)| bytes), shown }))
+    }
+}
 
 /// Writes the folder `path` whole or not at all; a tileset that is there already is replaced.
 ///
@@ -84,6 +143,19 @@ pub fn write<R: Records + ?Sized>(
     model: &CityModel<'_, R>,
     config: &Tiles3dConfig,
 ) -> Result<Overview, OutputError> {
+    write_textured(path, model, config, None)
+}
+
+/// As [`write()`], with the textures of a city where it has some. Its pictures are in the tiles as they are.
+///
+/// # Errors
+/// As [`write()`], and for pictures that cannot be read.
+pub fn write_textured<R: Records + ?Sized>(
+    path: &Path,
+    model: &CityModel<'_, R>,
+    config: &Tiles3dConfig,
+    textured: Option<&TexturedCity>,
+) -> Result<Overview, OutputError> {
     let overview = Overview::of(model.records)?;
     let grid = overview.grid(SCALE_M)?;
     let rows = FootprintRows::new(&overview, grid, MIN_THICKNESS_M);
@@ -93,20 +165,25 @@ pub fn write<R: Records + ?Sized>(
     });
     let place = TilesetPlace::new(model.crs, config.heights, centre_m)?;
     folder::write_whole(path, folder::TILESET, |temporary| {
-        let shown = ShownBuildings::of(model.records, temporary.parent().unwrap_or(temporary), &rows, &grid)?;
-        let tree = Node::root(shown.items, config.max_buildings);
+        let spool = temporary.parent().unwrap_or(temporary);
+        let shown = ShownBuildings::of(model.records, (spool, textured), &rows, &grid)?;
+        let tree = match textured {
+            Some(_) => Node::named(shown.items.into_iter().zip(shown.tiles).collect()),
+            None => Node::root(shown.items, config.max_buildings),
+        };
         let writer = TileWriter {
-            spool: &shown.spool,
+            spool: Some(&shown.spool),
             grid: &grid,
             place: &place,
-            properties: &NamedColumns::new(&rows.columns),
+            properties: Some(&NamedColumns::new(&rows.columns)),
             precision: config.precision,
+            textured,
         };
         let root = match &tree {
-            Some(tree) => writer.tile(tree, temporary)?.json,
+            Some(tree) => writer.root(tree, temporary)?,
             None => json!({ "boundingVolume": { "box": [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, "geometricError": 0 }),
         };
-        let tileset = tileset(root, &overview, shown.hidden.n(), config, &place);
+        let tileset = tileset(root, &overview, (shown.hidden.n(), textured.is_some()), config, &place);
         write_json(&temporary.join(LINEAGE), model.lineage)?;
         // Every viewer loads it first: without white space.
         Ok(write_whole_unflushed(&temporary.join(folder::TILESET), |out| {
@@ -120,6 +197,8 @@ pub fn write<R: Records + ?Sized>(
 struct ShownBuildings {
     spool: Spool,
     items: Vec<TreeItem>,
+    /// Names of their tiles in a textured city.
+    tiles: Vec<String>,
     /// The others, and those of which a part has nothing.
     hidden: Wholes,
 }
@@ -127,24 +206,30 @@ struct ShownBuildings {
 impl ShownBuildings {
     fn of<R: Records + ?Sized>(
         records: &R,
-        folder: &Path,
+        (folder, textured): (&Path, Option<&TexturedCity>),
         rows: &FootprintRows,
         grid: &OutputGrid,
     ) -> Result<Self, OutputError> {
         let mut writer = SpoolWriter::new(folder)?;
-        let (mut items, mut hidden) = (Vec::new(), Wholes::default());
+        let (mut items, mut tiles, mut hidden) = (Vec::new(), Vec::new(), Wholes::default());
         records.visit(&mut |record| {
             let prism = SnappedPrism::of(record, grid, MIN_THICKNESS_M);
             hidden.add_if(prism.is_err(), record);
             let Ok(prism) = prism else { return Ok(()) };
-            let roofed = roof_solid::faces(record, &prism, grid, Detail::Slopes);
+            let tile = textured.and_then(|textured| textured.tile(&record.id));
+            tiles.push(tile.unwrap_or_default().to_owned());
+            let painted = textured.map(|textured| textured.solid(&record.id, &prism, grid)).transpose()?;
+            let (roofed, paints) = match painted.flatten() {
+                Some((faces, paints)) => (Some(faces), paints),
+                None => (roof_solid::faces(record, &prism, grid, Detail::Slopes), Vec::new()),
+            };
             let height_m = record.height_m.unwrap_or(0.0);
-            let block = TileBuilding { prism, roofed, values: rows.row(record).values, height_m };
+            let block = TileBuilding { prism, roofed, paints, values: rows.row(record).values, height_m };
             items.push(item(items.len(), &block, grid));
             Ok(writer.push(&block).map_err(FileError::on("cannot write", folder))?)
         })?;
         let spool = writer.finish().map_err(FileError::on("cannot write", folder))?;
-        Ok(Self { spool, items, hidden })
+        Ok(Self { spool, items, tiles, hidden })
     }
 }
 
@@ -162,12 +247,13 @@ fn item(idx: usize, block: &TileBuilding, grid: &OutputGrid) -> TreeItem {
 fn tileset(
     mut root: Value,
     overview: &Overview,
-    n_without_solid: usize,
+    (n_without_solid, has_textures): (usize, bool),
     config: &Tiles3dConfig,
     place: &TilesetPlace,
 ) -> Value {
     root["transform"] = json!(place.transform());
     root["refine"] = json!("ADD");
+    let root_error_m = root["geometricError"].as_f64().unwrap_or(0.0);
     // Without any tile the whole city is missing.
     let size_m = overview.extent.map_or(0.0, |e| (DVec3::from_array(e.max_m) - DVec3::from_array(e.min_m)).length());
     json!({
@@ -178,21 +264,28 @@ fn tileset(
                 "heights": config.heights,
                 "n_buildings": overview.n_buildings,
                 "n_without_solid": n_without_solid,
+                "textures": has_textures,
             } },
         },
-        "geometricError": size_m,
+        "geometricError": size_m.max(root_error_m),
         "root": root,
     })
 }
 
 /// Writes tiles from the leaves up, so that each knows the box of those below.
 struct TileWriter<'a> {
-    spool: &'a Spool,
+    /// Buildings of the city; `None` where they come from elsewhere.
+    spool: Option<&'a Spool>,
     grid: &'a OutputGrid,
     place: &'a TilesetPlace,
-    properties: &'a NamedColumns,
+    /// Columns of the buildings' attributes, which not every picture needs.
+    properties: Option<&'a NamedColumns>,
     precision: Precision,
+    textured: Option<&'a TexturedCity>,
 }
+
+/// Binary glTF, and its box in glTF's axes.
+type BoxedGlb = (Vec<u8>, [DVec3; 2]);
 
 /// A tile that is written.
 struct WrittenTile {
@@ -202,18 +295,67 @@ struct WrittenTile {
 }
 
 impl TileWriter<'_> {
+    /// Writes the tree, and the ground beside it.
+    fn root(&self, tree: &Node, folder: &Path) -> Result<Value, OutputError> {
+        let WrittenTile { json, bounds: [low, high] } = self.tile(tree, folder)?;
+        let Some(ground) = self.ground(folder)? else { return Ok(json) };
+        let all = [low.min(ground.bounds[0]), high.max(ground.bounds[1])];
+        let size_m = (all[1] - all[0]).length();
+        Ok(json!({
+            "boundingVolume": { "box": bounding_box(all) },
+            "geometricError": (size_m * STEPS_A_METRE).ceil() / STEPS_A_METRE,
+            "children": [json, ground.json],
+        }))
+    }
+
+    /// Writes the ground of a textured city.
+    fn ground(&self, folder: &Path) -> Result<Option<WrittenTile>, OutputError> {
+        let Some((bytes, bounds)) = self.ground_glb()? else { return Ok(None) };
+        let uri = format!("tiles/{GROUND}.glb");
+        write_whole_unflushed(&folder.join(&uri), |out| out.write_all(&bytes))?;
+        let volume = json!({ "box": bounding_box(bounds) });
+        let json = json!({
+            "boundingVolume": volume, "geometricError": 0, "content": { "uri": uri, "boundingVolume": volume },
+        });
+        Ok(Some(WrittenTile { json, bounds }))
+    }
+
+    /// The ground of a textured city, and its box.
+    fn ground_glb(&self) -> Result<Option<BoxedGlb>, OutputError> {
+        let Some((ground, picture)) = self.textured.and_then(|textured| textured.ground.as_ref()) else {
+            return Ok(None);
+        };
+        let mut points = ground.nodes();
+        self.place.to_local(&mut points)?;
+        let mesh = TileMesh::of_ground(ground, &points);
+        let jpeg = fs::read(picture).map_err(FileError::on("cannot read", picture))?;
+        let tile = glb::GlbTile {
+            mesh: &mesh,
+            rows: &[],
+            palette: &Palette::default(),
+            pictures: &BTreeMap::from([(0, jpeg)]),
+            properties: None,
+            name: GROUND,
+        };
+        Ok(Some((glb::glb(&tile, self.precision), mesh.bounds())))
+    }
+
     fn tile(&self, node: &Node, folder: &Path) -> Result<WrittenTile, OutputError> {
         let uri = format!("tiles/{}.glb", node.name);
-        let own = self.content(node, &folder.join(&uri))?;
+        // A tile of another tree's may have lost all its buildings.
+        let own = if node.members.is_empty() { None } else { Some(self.content(node, &folder.join(&uri))?) };
         let children: Vec<WrittenTile> =
             node.children.iter().map(|child| self.tile(child, folder)).collect::<Result<_, _>>()?;
-        let bounds =
-            children.iter().fold(own, |[low, high], child| [low.min(child.bounds[0]), high.max(child.bounds[1])]);
+        let boxes = own.into_iter().chain(children.iter().map(|child| child.bounds));
+        let union = |a: [DVec3; 2], b: [DVec3; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        let bounds = boxes.reduce(union).unwrap_or_default();
         let mut json = json!({
             "boundingVolume": { "box": bounding_box(bounds) },
             "geometricError": (node.error_m * STEPS_A_METRE).ceil() / STEPS_A_METRE,
-            "content": { "uri": uri, "boundingVolume": { "box": bounding_box(own) } },
         });
+        if let Some(own) = own {
+            json["content"] = json!({ "uri": uri, "boundingVolume": { "box": bounding_box(own) } });
+        }
         if !children.is_empty() {
             json["children"] = children.into_iter().map(|child| child.json).collect();
         }
@@ -222,14 +364,47 @@ impl TileWriter<'_> {
 
     /// Writes what a tile shows itself; its box.
     fn content(&self, node: &Node, path: &Path) -> Result<[DVec3; 2], OutputError> {
-        let blocks = self.spool.read(&node.members).map_err(FileError::on("cannot read back for", path))?;
-        let mesh = TileMesh::of(blocks.iter(), self.grid, self.place)?;
-        let rows: Vec<&[Value]> = blocks.iter().map(|block| block.values.as_slice()).collect();
-        let colours: Vec<Rgb> = blocks.iter().map(|block| height_colour(block.height_m)).collect();
-        let tile = glb::GlbTile { mesh: &mesh, rows: &rows, colours: &colours, properties: self.properties };
-        let bytes = glb::glb(&tile, self.precision);
+        let Some(spool) = self.spool else { return Ok([DVec3::ZERO; 2]) };
+        let blocks = spool.read(&node.members).map_err(FileError::on("cannot read back for", path))?;
+        let (bytes, bounds) = self.tile_of(&blocks, &node.name, &|i| i as u32)?;
         write_whole_unflushed(path, |out| out.write_all(&bytes))?;
-        Ok(mesh.bounds())
+        Ok(bounds)
+    }
+
+    /// The tile of some blocks, and its box; `feature_of` numbers them.
+    fn tile_of(
+        &self,
+        blocks: &[TileBuilding],
+        name: &str,
+        feature_of: &dyn Fn(usize) -> u32,
+    ) -> Result<BoxedGlb, OutputError> {
+        let palette = Palette::of(blocks.iter().flat_map(TileBuilding::colours));
+        let mut mesh = TileMesh::of(blocks, &palette, self.grid, self.place)?;
+        mesh.features.iter_mut().for_each(|feature| *feature = feature_of(*feature as usize));
+        let rows: Vec<&[Value]> = blocks.iter().map(|block| block.values.as_slice()).collect();
+        let tile = glb::GlbTile {
+            mesh: &mesh,
+            rows: &rows,
+            palette: &palette,
+            pictures: &self.pictures(&mesh)?,
+            properties: self.properties,
+            name,
+        };
+        Ok((glb::glb(&tile, self.precision), mesh.bounds()))
+    }
+
+    /// Reads the pictures that a mesh has.
+    fn pictures(&self, mesh: &TileMesh) -> Result<BTreeMap<usize, Vec<u8>>, OutputError> {
+        let Some(textured) = self.textured else { return Ok(BTreeMap::new()) };
+        let pages = mesh.indices.keys().filter_map(|material| match material {
+            Material::Page(page) => Some(*page),
+            Material::Palette => None,
+        });
+        let read = |page: usize| -> Result<_, OutputError> {
+            let path = &textured.pictures[page];
+            Ok((page, fs::read(path).map_err(FileError::on("cannot read", path))?))
+        };
+        pages.map(read).collect()
     }
 }
 

@@ -31,7 +31,13 @@ pub enum Heights {
 /// The way from the map to the earth.
 enum WayToEarth {
     Direct(Transform3d),
-    Stated { lon_lat: Transform, geocentric: Box<Geocentric>, add_m: f64 },
+    Stated {
+        lon_lat: Transform,
+        geocentric: Box<Geocentric>,
+        add_m: f64,
+    },
+    /// None: the picture stays in the map.
+    Map,
 }
 
 /// The local frame of a city on the earth.
@@ -65,6 +71,11 @@ impl TilesetPlace {
         let [centre] = at;
         let geodetic = Geocentric::new()?.geodetic(centre)?;
         Ok(Self { way, centre, enu_from_ecef: enu_from_geocentric(geodetic.x, geodetic.y) })
+    }
+
+    /// The map itself around a position (metres), for pictures without a globe.
+    pub fn in_map(origin_m: DVec3) -> Self {
+        Self { way: WayToEarth::Map, centre: origin_m, enu_from_ecef: DMat3::IDENTITY }
     }
 
     /// Turns map positions into local ones: east, north, up of the centre, metres.
@@ -102,6 +113,7 @@ impl WayToEarth {
                 }
                 geocentric.geocentric_points(points)?;
             }
+            Self::Map => {}
         }
         Ok(())
     }

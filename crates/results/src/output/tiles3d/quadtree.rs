@@ -4,6 +4,8 @@
 //! So a coarse tile is a skyline, finer ones add to it (`refine: ADD`), no building is in two tiles, and the error of a
 //! tile is known: the size of the largest building that is still missing.
 
+use std::collections::BTreeMap;
+
 /// Building as the tree knows it.
 #[derive(Debug, Clone, Copy)]
 pub struct TreeItem {
@@ -55,6 +57,53 @@ impl Node {
         (!items.is_empty()).then(|| Self::of(items, max_members.max(1), square))
     }
 
+    /// The tree of tiles whose names are known, which are those of an earlier tree (`2/1_0`), or of several (`TREE/2/1_0`); `None` without
+    /// items.
+    #[must_use]
+    pub fn named(items: Vec<(TreeItem, String)>) -> Option<Self> {
+        let size_m = items.iter().map(|(item, _)| item.size_m).fold(0.0, f64::max);
+        let mut trees: BTreeMap<String, Vec<(TreeItem, String)>> = BTreeMap::new();
+        for (item, name) in items {
+            let parts: Vec<&str> = name.rsplitn(3, '/').collect();
+            let tree = parts.get(2).map_or_else(String::new, |tree| format!("{tree}/"));
+            let name = name[tree.len()..].to_owned();
+            trees.entry(tree).or_default().push((item, name));
+        }
+        let mut roots: Vec<Self> =
+            trees.into_iter().filter_map(|(tree, items)| Self::one_named(items, &tree)).collect();
+        match roots.len() {
+            0 | 1 => roots.pop(),
+            _ => Some(Self { name: String::new(), members: Vec::new(), error_m: size_m, children: roots }),
+        }
+    }
+
+    fn one_named(items: Vec<(TreeItem, String)>, tree: &str) -> Option<Self> {
+        let mut nodes: BTreeMap<[u64; 3], (Vec<usize>, f64)> = BTreeMap::new();
+        for (item, name) in items {
+            let mut place = place_of(&name).unwrap_or([0; 3]);
+            nodes.entry(place).or_default().0.push(item.idx);
+            // All tiles above lack it.
+            while let [level @ 1..=u64::MAX, x, y] = place {
+                place = [level - 1, x / 2, y / 2];
+                let above = nodes.entry(place).or_default();
+                above.1 = item.size_m.max(above.1);
+            }
+        }
+        // From the leaves up.
+        let mut children: BTreeMap<[u64; 3], Vec<Self>> = BTreeMap::new();
+        while let Some((place @ [level, x, y], (mut members, error_m))) = nodes.pop_last() {
+            members.sort_unstable();
+            let mut below = children.remove(&place).unwrap_or_default();
+            below.reverse();
+            let node = Self { name: format!("{tree}{level}/{x}_{y}"), members, error_m, children: below };
+            if level == 0 {
+                return Some(node);
+            }
+            children.entry([level - 1, x / 2, y / 2]).or_default().push(node);
+        }
+        None
+    }
+
     /// The node of a square; items are sorted, largest first.
     fn of(mut items: Vec<TreeItem>, max_members: usize, square: TreeSquare) -> Self {
         let rest = if square.level == MAX_LEVEL { Vec::new() } else { items.split_off(items.len().min(max_members)) };
@@ -73,6 +122,15 @@ impl Node {
             children: children.map(|(i, items)| Self::of(items, max_members, square.quarter(i))).collect(),
         }
     }
+}
+
+/// Level, x and y of a tile's name; `None` for another text.
+fn place_of(name: &str) -> Option<[u64; 3]> {
+    let (level, rest) = name.split_once('/')?;
+    let (x, y) = rest.split_once('_')?;
+    let level = level.parse().ok().filter(|level| *level <= u64::from(MAX_LEVEL))?;
+    let (x, y): (u64, u64) = (x.parse().ok()?, y.parse().ok()?);
+    (x >> level == 0 && y >> level == 0).then_some([level, x, y])
 }
 
 impl TreeSquare {
@@ -119,6 +177,39 @@ mod tests {
         });
         seen.sort_unstable();
         assert_eq!(seen, (0..500).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_tree_is_made_again_from_the_names_of_its_tiles() {
+        let item = |idx: usize| TreeItem {
+            idx,
+            centre: [(idx * 37 % 101) as f64, (idx * 53 % 97) as f64],
+            size_m: 5.0 + ((idx * 7919) % 613) as f64,
+        };
+        let first = Node::root((0..500).map(item).collect(), 20).unwrap();
+        let mut named = Vec::new();
+        walk(&first, &mut |node| named.extend(node.members.iter().map(|&i| (item(i), node.name.clone()))));
+        let again = Node::named(named).unwrap();
+        let listed = |root: &Node| {
+            let mut all = Vec::new();
+            walk(root, &mut |node| all.push((node.name.clone(), node.members.clone(), node.error_m)));
+            all.sort_by(|a, b| a.0.cmp(&b.0));
+            all
+        };
+        assert_eq!(listed(&again), listed(&first));
+        // Of two trees beside each other, each is the same below one root.
+        let mut named = Vec::new();
+        walk(&first, &mut |node| {
+            named.extend(node.members.iter().map(|&i| (item(i), format!("{}/{}", i % 2, node.name))));
+        });
+        let both = Node::named(named).unwrap();
+        assert!(both.members.is_empty() && both.children.len() == 2 && both.children[1].name == "1/0/0_0");
+        let mut n = 0;
+        walk(&both, &mut |node| n += node.members.len());
+        assert_eq!(n, 500);
+        for name in ["", "0", "x/0_0", "1/2_0", "99/0_0"] {
+            assert_eq!(place_of(name), None, "{name}");
+        }
     }
 
     #[test]

@@ -93,6 +93,7 @@ mod tests {
             let prism = SnappedPrism::of(&record("a", footprint, 1.0, 1.0, 5.0 + i as f64), &grid, 0.1).unwrap();
             TileBuilding {
                 roofed: None,
+                paints: Vec::new(),
                 prism,
                 values: vec![Value::from(0.1 + i as f64), Value::from("Ä\n")],
                 height_m: 1.0 / (i + 3) as f64,

@@ -58,12 +58,12 @@ function drawBuilding(box, data, index) {
       REASONS[code] ? el("span", { text: `: ${REASONS[code]}` }) : null)),
     ...data.issues.filter((issue) => isAbout(issue, b))
       .map((issue) => el("p", { class: "reason", text: issue.subject.id === b.id ? issue.message : `${issue.subject.id}: ${issue.message}` })),
+    ...crops(data, evidence),
     facts([
       ["Ground", metres(b.ground, 2)], ["Lowest ground", metres(b.base, 2)], ["Roof", metres(roof, 2)],
       ["Part of", wholeOf(data, b, index)], ["Measured in", `${b.views.length} photos`],
     ]),
     ...charts(data, b, index, evidence),
-    ...crops(data, evidence),
     ...attributes(b),
   );
 }

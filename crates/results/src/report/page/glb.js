@@ -1,4 +1,5 @@
-// Binary glTF as our own writer makes it: one mesh, feature ids, and a property table with a row per building.
+// Binary glTF as our own writer makes it: one mesh of triangles that share their vertices, a material each, feature ids, and a property
+// table with a row per building.
 
 const COMPONENTS = { 5120: Int8Array, 5121: Uint8Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array };
 const WIDTHS = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4 };
@@ -30,7 +31,8 @@ function accessorOf({ json, bin }, index) {
 
 // The mesh in axes x east, y north, z up, moved by `place`; edges are found where two faces meet at an angle.
 function meshOfGlb(glb, place) {
-  const primitive = glb.json.meshes[0].primitives[0];
+  const { primitives } = glb.json.meshes[0];
+  const [primitive] = primitives;
   const { translation = [0, 0, 0], scale = [1, 1, 1] } = glb.json.nodes[0];
   const raw = accessorOf(glb, primitive.attributes.POSITION);
   const turned = accessorOf(glb, primitive.attributes.NORMAL);
@@ -43,9 +45,29 @@ function meshOfGlb(glb, place) {
     const n = (width * i) / 3;
     normals.set(vec.unit(place.direction([turned[n], -turned[n + 2], turned[n + 1]])), i);
   }
-  const indices = accessorOf(glb, primitive.indices);
-  return { positions, normals, features: accessorOf(glb, primitive.attributes._FEATURE_ID_0), indices, edges: rims(indices) };
+  const parts = primitives.map((part) => ({ indices: accessorOf(glb, part.indices), picture: pictureOfMaterial(glb, part.material) }));
+  const indices = new Uint32Array(parts.reduce((n, part) => n + part.indices.length, 0));
+  let first = 0;
+  const ranges = parts.map((part) => {
+    indices.set(part.indices, first);
+    first += part.indices.length;
+    return { first: first - part.indices.length, count: part.indices.length, picture: part.picture };
+  });
+  const { _FEATURE_ID_0: ids, TEXCOORD_0: places } = primitive.attributes;
+  const features = ids === undefined ? null : accessorOf(glb, ids);
+  return { positions, normals, features, uv: accessorOf(glb, places), indices, ranges, edges: features ? rims(indices) : new Uint32Array() };
 }
+
+// The picture of a material, as a blob, and whether it is of photos.
+function pictureOfMaterial({ json, bin }, material) {
+  const of = json.materials[material];
+  const { source } = json.textures[of.pbrMetallicRoughness.baseColorTexture.index];
+  const { bufferView, mimeType } = json.images[source];
+  const { byteOffset = 0, byteLength } = json.bufferViews[bufferView];
+  return { blob: new Blob([bin.subarray(byteOffset, byteOffset + byteLength)], { type: mimeType }), isPhoto: mimeType === "image/jpeg" };
+}
+
+const isTextured = (mesh) => mesh.ranges.some((range) => range.picture.isPhoto);
 
 // Edges that belong to one triangle only: faces do not share vertices, so these are the rims of faces.
 function rims(indices) {

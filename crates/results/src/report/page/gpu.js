@@ -30,6 +30,29 @@ function release(gl, { array, buffers }) {
   gl.deleteVertexArray(array);
 }
 
+// A picture as a texture: of photos with smaller copies of it, of plain colours pixel by pixel. It is grey until it is decoded.
+function pictureTexture(gl, { blob, isPhoto }, decoded) {
+  const texture = gl.createTexture();
+  gl.bindTexture(gl.TEXTURE_2D, texture);
+  gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array([200, 200, 200, 255]));
+  for (const wrap of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, wrap, gl.CLAMP_TO_EDGE);
+  for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.NEAREST);
+  createImageBitmap(blob).then((picture) => {
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, picture);
+    if (isPhoto) {
+      gl.generateMipmap(gl.TEXTURE_2D);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.LINEAR);
+      const sharp = gl.getExtension("EXT_texture_filter_anisotropic");
+      if (sharp) gl.texParameterf(gl.TEXTURE_2D, sharp.TEXTURE_MAX_ANISOTROPY_EXT, 4);
+    }
+    decoded(picture.width * picture.height);
+    picture.close();
+  });
+  return texture;
+}
+
 // One colour per building, red, green and blue bytes each, from number `first` on.
 function colourTable(gl) {
   const texture = gl.createTexture();

@@ -106,8 +106,8 @@ function normalOf({ corners, rings }) {
 }
 
 // Buildings that stand together, at most so many in a block.
-function blocksOf(buildings) {
-  const shown = buildings.map((_, i) => i).filter((i) => buildings[i].rings.length > 0);
+function blocksOf(buildings, isWanted) {
+  const shown = buildings.map((_, i) => i).filter((i) => buildings[i].rings.length > 0 && isWanted(i));
   const split = (chosen) => {
     if (chosen.length <= BLOCK_BUILDINGS) return [chosen];
     const spread = [0, 1].map((axis) => {

@@ -8,6 +8,8 @@ const ways = colourings(data.buildings);
 const LAYERS = [["buildings", "buildings", true], ["edges", "edges", true], ["shadows", "shadows", true], ["ground", "ground", true],
   ["cameras", "cameras", false], ["photos", "footprints of photos", false], ["sights", "sight lines", true], ["issues", "issues", false]];
 
+const TEXTURES = "textures";
+
 // Up to so many buildings are drawn with smooth edges.
 const MOST_SMOOTH = 3000;
 
@@ -46,22 +48,36 @@ function start3d() {
 
 // Puts everything into the scene; the box around the buildings.
 function fillScene() {
-  const meshes = blocksOf(data.buildings).map((block) => buildingMesh(data.buildings, block, data.origin));
+  // Buildings that are seen with textures have blocks of their own, which are not drawn then.
+  const textured = new Set(data.textured?.shown);
+  const blocks = [false, true].flatMap((isTextured) => blocksOf(data.buildings, (i) => textured.has(i) === isTextured));
+  const meshes = blocks.map((block) => buildingMesh(data.buildings, block, data.origin));
   const boxes = meshes.map((mesh) => boundsOf(mesh.positions));
   const low = boxes.length > 0 ? [0, 1, 2].map((i) => Math.min(...boxes.map((box) => box[0][i]))) : [-50, -50, 0];
   const high = boxes.length > 0 ? [0, 1, 2].map((i) => Math.max(...boxes.map((box) => box[1][i]))) : [50, 50, 10];
   scene.centre = low.map((v, i) => (v + high[i]) / 2);
   scene.radius = Math.max(vec.length(vec.sub(high, low)) / 2, 20);
-  meshes.forEach((mesh) => scene.addChunk(mesh));
+  meshes.forEach((mesh, i) => { scene.addChunk(mesh).isReplaced = textured.has(blocks[i][0]); });
+  addTextures();
   if (data.ground) {
     const ground = groundMesh(data.ground, data.origin);
     const far = boundsOf(ground.positions);
     scene.groundReach = Math.min(...[0, 1].flatMap((i) => [-far[0][i], far[1][i]]));
-    scene.setGround(ground);
+    scene.setGround(ground, true);
   }
   addViewLayers(scene, data);
   addIssueLayer(scene, data);
   return [low, high];
+}
+
+// The city and its ground with the colours of photos.
+function addTextures() {
+  const inMap = { point: (p) => p, direction: (p) => p };
+  for (const text of [data.textured?.buildings, data.textured?.ground]) {
+    if (!text) continue;
+    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    scene.addPhotoChunk(meshOfGlb(readGlb(bytes.buffer), inMap));
+  }
 }
 
 // Where the camera stands to see all of it.
@@ -71,7 +87,7 @@ function wholeCity(canvas, low, high) {
   // Cities are flat: what stands tall takes some more distance.
   const flat = Math.max(Math.hypot(high[0] - low[0], high[1] - low[1]) / 2, 20);
   const away = (2.3 * flat) / aspect + 1.6 * (high[2] - low[2]);
-  return { target: [middle[0], middle[1], mix(low[2], high[2], 0.4)], yaw: 0.5, pitch: 0.62, distance: away };
+  return { target: [middle[0], middle[1], mix(low[2], high[2], 0.4)], yaw: 0.5, pitch: 0.5, distance: away };
 }
 
 let hoverTimer = 0;
@@ -126,7 +142,11 @@ function next(step) {
 }
 
 function colourBy(name) {
-  const way = ways[name];
+  const isPhotos = name === TEXTURES;
+  if (scene) scene.hasPhotos = isPhotos;
+  // Photos need no legend, and the map has heights meanwhile.
+  byId("legend").hidden = isPhotos;
+  const way = ways[isPhotos ? "height" : name];
   const colours = data.buildings.map((b) => way.colour(b));
   scene?.setColours(colours);
   if (map) { map.colours = colours; map.redraw(); }
@@ -184,9 +204,11 @@ function start() {
   map.fit();
   new ResizeObserver(() => map.redraw()).observe(byId("plan"));
   order = data.buildings.map((_, i) => i).sort((a, b) => byDoubt(data.buildings[a], data.buildings[b]));
-  controlBox(byId("controls"), Object.entries(ways).map(([name, way]) => [name, `colour: ${way.title.toLowerCase()}`]), LAYERS,
+  const named = Object.entries(ways).map(([name, way]) => [name, `colour: ${way.title.toLowerCase()}`]);
+  const isTextured = scene !== null && data.textured !== undefined;
+  controlBox(byId("controls"), isTextured ? [[TEXTURES, "textures from photos"], ...named] : named, LAYERS,
     { colour: colourBy, layer: showLayer, reset: () => { if (scene) flyTo(scene, home); map.fit(); } });
-  colourBy("height");
+  colourBy(isTextured ? TEXTURES : "height");
   drawBackdropSwitch();
   drawImplausible(data);
   drawSummary(data);
@@ -239,6 +261,7 @@ window.sizeup = {
   },
   isFlying: () => scene.flight !== null,
   hasBackdrop: () => map.hasBackdrop(),
+  showsPhotos: () => scene.hasPhotos && scene.photoChunks.size > 0 && scene.nPending === 0,
   placeOnMap: (id) => map.placeOf(data.byId.get(id)),
   framesPerSecond: (n, effort) => scene.measure(n, effort),
   turn: (seconds) => scene.turn(seconds),

@@ -24,10 +24,13 @@ class Scene {
       shadow: shadowTarget(gl),
       pickTarget: pixelTarget(gl),
       chunks: new Set(),
+      photoChunks: new Set(),
       lines: new Map(),
       camera: { target: [0, 0, 0], yaw: 0.6, pitch: 0.7, distance: 500 },
       look: { paper: [0.93, 0.92, 0.9], background: [1, 1, 1], ink: [0.1, 0.1, 0.14] },
       show: { buildings: true, edges: true, ground: true, shadows: true },
+      // Whether faces have the colours of photos where there are some, and pictures that are not decoded yet.
+      hasPhotos: false, nPending: 0,
       // The ball that everything stands in.
       centre: [0, 0, 0], radius: 100,
       selected: -1, hovered: -1, ground: null,
@@ -49,7 +52,8 @@ class Scene {
     const normals = isBytes ? [mesh.normals, 3, gl.BYTE, true, 4] : [mesh.normals, 3];
     const faces = vertexArray(gl, [[mesh.positions, 3], normals, [mesh.features, 1]], mesh.indices);
     const edges = vertexArray(gl, [[faces.buffers[0], 3]], mesh.edges);
-    const chunk = { faces, edges, boxes: null, mesh, first, nIndices: mesh.indices.length, nEdges: mesh.edges.length, ball };
+    const chunk = { faces, edges, boxes: null, mesh, first, nIndices: mesh.indices.length, nEdges: mesh.edges.length, ball, pictures: [] };
+    if (mesh.ranges && isTextured(mesh)) this.addPictures(chunk, mesh);
     if (this.pace.isSlow) this.addBoxes(chunk);
     this.chunks.add(chunk);
     this.isShadowStale = true;
@@ -57,15 +61,52 @@ class Scene {
     return chunk;
   }
 
+  // A mesh that is seen with the colours of photos only; instead of a chunk of `replaced`, and of the ground.
+  addPhotoChunk(mesh) {
+    const [low, high] = boundsOf(mesh.positions);
+    const ball = { centre: low.map((v, i) => (v + high[i]) / 2), radius: vec.length(vec.sub(high, low)) / 2 };
+    const vertices = mesh.features ? [[mesh.positions, 3], [mesh.normals, 3], [mesh.features, 1]] : [[mesh.positions, 3]];
+    const chunk = { faces: vertexArray(this.gl, vertices, mesh.indices), first: 0, ball, pictures: [], isGround: !mesh.features };
+    this.addPictures(chunk, mesh);
+    this.photoChunks.add(chunk);
+    this.redraw();
+    return chunk;
+  }
+
+  // The pictures of a chunk, and places on them.
+  addPictures(chunk, mesh) {
+    const { gl } = this;
+    gl.bindVertexArray(chunk.faces.array);
+    const places = upload(gl, gl.ARRAY_BUFFER, mesh.uv);
+    gl.enableVertexAttribArray(3);
+    gl.vertexAttribPointer(3, 2, gl.FLOAT, false, 0, 0);
+    gl.bindVertexArray(null);
+    chunk.faces.buffers.push(places);
+    chunk.hasFeatures = Boolean(mesh.features);
+    chunk.pictures = mesh.ranges.map(({ first, count, picture }) => {
+      this.nPending += 1;
+      const decoded = () => { this.nPending -= 1; this.redraw(); };
+      return { first, count, texture: pictureTexture(gl, picture, decoded) };
+    });
+  }
+
+  removePhotoChunk(chunk) {
+    release(this.gl, chunk.faces);
+    chunk.pictures.forEach(({ texture }) => this.gl.deleteTexture(texture));
+    this.photoChunks.delete(chunk);
+    this.redraw();
+  }
+
   removeChunk(chunk) {
     for (const part of [chunk.faces, chunk.edges, chunk.boxes]) if (part) release(this.gl, part);
+    chunk.pictures.forEach(({ texture }) => this.gl.deleteTexture(texture));
     this.chunks.delete(chunk);
     this.isShadowStale = true;
     this.redraw();
   }
 
-  setGround(mesh) {
-    this.ground = { ...vertexArray(this.gl, [[mesh.positions, 3]], mesh.indices), nIndices: mesh.indices.length };
+  setGround(mesh, isTerrain = false) {
+    this.ground = { ...vertexArray(this.gl, [[mesh.positions, 3]], mesh.indices), nIndices: mesh.indices.length, isTerrain };
     this.redraw();
   }
 
@@ -192,6 +233,27 @@ class Scene {
     gl.disable(gl.POLYGON_OFFSET_FILL);
   }
 
+  // Faces with the colours of photos.
+  drawPhotos(clip, chunks) {
+    if (chunks.length === 0) return;
+    const { gl } = this;
+    const u = this.use(this.programs.photo, clip);
+    gl.uniform1f(u.selected, this.selected);
+    gl.uniform1f(u.hovered, this.hovered);
+    gl.uniform1i(u.picture, 0);
+    gl.enable(gl.CULL_FACE);
+    for (const chunk of chunks) {
+      gl.uniform1f(u.first, chunk.first);
+      gl.uniform1i(u.hasFeatures, chunk.hasFeatures ? 1 : 0);
+      gl.bindVertexArray(chunk.faces.array);
+      for (const { first, count, texture } of chunk.pictures) {
+        gl.bindTexture(gl.TEXTURE_2D, texture);
+        gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 4 * first);
+      }
+    }
+    gl.disable(gl.CULL_FACE);
+  }
+
   drawTriangles(uniforms, chunks) {
     const { gl } = this;
     gl.enable(gl.CULL_FACE);
@@ -294,10 +356,14 @@ class Scene {
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LEQUAL);
     const seen = show.buildings ? this.inSight(clip) : [];
-    const [large, small] = isSimple ? this.splitBySize(seen) : [seen, []];
-    if (this.ground && show.ground) this.drawGround(clip, shadowMatrix);
+    const isPhoto = (chunk) => this.hasPhotos && (chunk.isReplaced || chunk.pictures.length > 0);
+    const plain = seen.filter((chunk) => !isPhoto(chunk));
+    const [large, small] = isSimple ? this.splitBySize(plain) : [plain, []];
+    const photos = this.hasPhotos ? [...this.photoChunks].filter(({ isGround }) => (isGround ? show.ground : show.buildings)) : [];
+    if (this.ground && show.ground && !photos.some(({ isGround }) => isGround && this.ground.isTerrain)) this.drawGround(clip, shadowMatrix);
     this.drawFaces(clip, shadowMatrix, large);
     this.drawBoxes(clip, small);
+    this.drawPhotos(clip, [...photos, ...seen.filter((chunk) => isPhoto(chunk) && chunk.pictures.length > 0)]);
     this.drawLines(clip, large);
     gl.bindVertexArray(null);
     this.pace.watch(gl);

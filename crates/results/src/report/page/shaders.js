@@ -37,6 +37,31 @@ void main() {
   float sun = hasShadow ? texture(shadow, vec3(inShadow.xy, inShadow.z - 0.0012)) : 1.0;
   colour = vec4(mix(shaded, lit, sun), 1.0);
 }`;
+// Faces with the colours of photos, which have the light of the day in them.
+const PHOTO_VERTEX = `#version 300 es
+layout(location = 0) in vec3 position;
+layout(location = 2) in float feature;
+layout(location = 3) in vec2 uv;
+uniform mat4 clipFromLocal;
+uniform float first, selected, hovered;
+uniform bool hasFeatures;
+flat out vec4 tint;
+out vec2 at;
+void main() {
+  gl_Position = clipFromLocal * vec4(position, 1.0);
+  at = uv;
+  float id = feature + first;
+  tint = vec4(0.0);
+  if (hasFeatures && abs(id - selected) < 0.5) tint = vec4(1.0, 0.32, 0.05, 0.45);
+  else if (hasFeatures && abs(id - hovered) < 0.5) tint = vec4(1.0, 1.0, 1.0, 0.25);
+}`;
+const PHOTO_FRAGMENT = `#version 300 es
+precision highp float;
+flat in vec4 tint;
+in vec2 at;
+uniform sampler2D picture;
+out vec4 colour;
+void main() { colour = vec4(mix(texture(picture, at).rgb, tint.rgb, tint.a), 1.0); }`;
 const GROUND_VERTEX = `#version 300 es
 layout(location = 0) in vec3 position;
 uniform mat4 clipFromLocal, shadowFromLocal;
@@ -190,6 +215,7 @@ function programOf(gl, vertex, fragment) {
 
 const programsOf = (gl) => ({
   face: programOf(gl, FACE_VERTEX, FACE_FRAGMENT),
+  photo: programOf(gl, PHOTO_VERTEX, PHOTO_FRAGMENT),
   box: programOf(gl, BOX_VERTEX, BOX_FRAGMENT),
   ground: programOf(gl, GROUND_VERTEX, GROUND_FRAGMENT),
   line: programOf(gl, LINE_VERTEX, LINE_FRAGMENT),

@@ -5,6 +5,9 @@
 const MOST_ERROR_PX = 12;
 const MOST_VERTICES = 8e6;
 const MOST_REQUESTS = 4;
+// A byte of a picture takes so much of the graphics card's memory as vertices of 36 bytes: a JPEG of photos has some 2 bits a texel, and a
+// texel is 5.3 bytes with its smaller copies.
+const VERTICES_A_BYTE = 0.6;
 
 // 4 × 4 matrices of doubles, column by column: positions on the earth need them.
 const wide = {
@@ -114,6 +117,13 @@ function createTileset(scene, on) {
   function show(tile, glb) {
     const m = localFrom(tile);
     const mesh = meshOfGlb(glb, { point: (p) => wide.point(m, p), direction: (p) => wide.direction(m, p) });
+    tileset.nLoaded += 1;
+    tile.state = "shown";
+    // The ground of a textured city.
+    if (!mesh.features) {
+      tile.ground = scene.addPhotoChunk(mesh);
+      return;
+    }
     const properties = propertiesOf(glb);
     if (tile.first === undefined) {
       tile.first = tileset.features.length;
@@ -125,11 +135,10 @@ function createTileset(scene, on) {
       on.features(tile.first, properties.count);
     }
     tile.properties = properties;
-    tile.nVertices = mesh.positions.length / 3;
+    const nBytes = mesh.ranges.reduce((n, { picture }) => n + picture.blob.size, 0);
+    tile.nVertices = mesh.positions.length / 3 + VERTICES_A_BYTE * nBytes;
     nVertices += tile.nVertices;
     tile.chunk = scene.addChunk(mesh, tile.first);
-    tile.state = "shown";
-    tileset.nLoaded += 1;
     tileset.tiles.push(tile);
   }
 

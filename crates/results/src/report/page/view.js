@@ -2,6 +2,7 @@
 
 const canvas = byId("scene");
 const LAYERS = [["edges", "edges", true], ["shadows", "shadows", true], ["ground", "ground", true]];
+const TEXTURES = ["textures", "textures from photos"];
 const WAYS = [["height", "colour: height above ground"], ["sigma", "colour: uncertainty"], ["status", "colour: status"], ["views", "colour: photos"]];
 
 let tileset = null;
@@ -14,9 +15,16 @@ function colour(scene, first, count) {
 }
 
 function colourBy(scene, name) {
-  way = name;
+  scene.hasPhotos = name === TEXTURES[0];
+  if (!scene.hasPhotos) way = name;
   ways = colourings(tileset.features);
   colour(scene, 0, tileset.features.length);
+  showLegend(scene);
+}
+
+// Photos need no legend.
+function showLegend(scene) {
+  byId("legend").hidden = scene.hasPhotos;
   drawLegend(byId("legend"), ways[way]);
 }
 
@@ -51,16 +59,19 @@ async function openTiles(scene) {
   tileset = createTileset(scene, {
     features: (first, count) => {
       colour(scene, first, count);
-      if (first === 0) drawLegend(byId("legend"), ways[way]);
+      if (first === 0) showLegend(scene);
     },
     failed: (error) => { byId("hint").textContent = `A tile is missing: ${error.message}`; },
   });
   const whole = await tileset.open("tiles/tileset.json");
+  scene.hasPhotos = isOfPhotos();
   scene.centre = whole.centre;
   scene.radius = Math.max(whole.radius, 20);
   layGround(scene, whole);
-  return { target: [whole.centre[0], whole.centre[1], whole.low], yaw: 0.5, pitch: 0.62, distance: 1.7 * scene.radius };
+  return { target: [whole.centre[0], whole.centre[1], whole.low], yaw: 0.5, pitch: 0.5, distance: 1.7 * scene.radius };
 }
+
+const isOfPhotos = () => tileset.json.asset.extras?.sizeup?.textures === true;
 
 function listen(scene, home) {
   controlCamera(canvas, scene, {
@@ -72,7 +83,7 @@ function listen(scene, home) {
       if (act) { act(); event.preventDefault(); }
     },
   });
-  controlBox(byId("controls"), WAYS, LAYERS, {
+  controlBox(byId("controls"), isOfPhotos() ? [TEXTURES, ...WAYS] : WAYS, LAYERS, {
     colour: (name) => colourBy(scene, name),
     layer: (name, isOn) => { scene.show[name] = isOn; scene.redraw(); },
     reset: () => flyTo(scene, home),
@@ -100,7 +111,8 @@ async function start() {
   };
   listen(scene, home);
   canvas.focus();
-  window.sizeup = { scene, tileset, framesPerSecond: (n, effort) => scene.measure(n, effort), turn: (seconds) => scene.turn(seconds) };
+  window.sizeup = { scene, tileset, showsPhotos: () => scene.hasPhotos && tileset.nLoaded > 0 && tileset.isIdle() && scene.nPending === 0,
+    framesPerSecond: (n, effort) => scene.measure(n, effort), turn: (seconds) => scene.turn(seconds) };
   scene.redraw();
 }
 
