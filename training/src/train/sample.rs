@@ -61,9 +61,10 @@ impl Scene {
             let is_building = |i: &u32| !matches!(photo.ground.data()[*i as usize], 0 | UNKNOWN);
             let built = (0..photo.ground.data().len() as u32).filter(is_building).collect();
             let roofs = known_roofs(&photo);
-            let rises = match is_orthophoto {
-                true => BTreeMap::new(),
-                false => rises(&photo.ground, &photo.roof, DVec2::from(photo.lean.nadir_px)),
+            let rises = if is_orthophoto {
+                BTreeMap::new()
+            } else {
+                rises(&photo.ground, &photo.roof, DVec2::from(photo.lean.nadir_px))
             };
             let rise = |label: &u16| rises.get(label).map_or(f32::NAN, |r| *r as f32 / MOST_RISE);
             let rise = photo.roof.data().iter().map(rise).collect();

@@ -32,10 +32,8 @@ fn tiles(root: &Path) {
             std::fs::create_dir_all(root.join(scene).join(folder)).unwrap();
             format!("{scene}/{folder}/tile.png")
         });
-        let colour = |col: u32, row: u32| match is_roof(col, row) {
-            true => Rgb([250_u8; 3]),
-            false => Rgb([if (col + row) % 2 == 0 { 40 } else { 80 }; 3]),
-        };
+        let ground = |col: u32, row: u32| if (col + row).is_multiple_of(2) { 40 } else { 80 };
+        let colour = |col: u32, row: u32| Rgb([if is_roof(col, row) { 250_u8 } else { ground(col, row) }; 3]);
         ImageBuffer::from_fn(SIDE, SIDE, colour).save(root.join(&names[0])).unwrap();
         ImageBuffer::from_fn(SIDE, SIDE, |c, r| Luma([u16::from(is_roof(c, r))])).save(root.join(&names[1])).unwrap();
         let coco = json!({
