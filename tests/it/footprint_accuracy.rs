@@ -8,8 +8,8 @@ use geo_types::Polygon;
 use sizeup::crs::Crs;
 use sizeup::evaluate::{FootprintEvaluation, evaluate_footprints};
 use sizeup::footprint::{
-    ConsensusConfig, Contour, ContourFineness, ContourKind, ContourSource, DetectionSettings, InputAccuracy, Instances,
-    Vectorising, ViewFault, contours, detect,
+    ConsensusConfig, ContourFineness, ContourKind, ContourSource, DetectionSettings, InputAccuracy, Instances,
+    Vectorising, ViewContours, ViewFault, contours, detect,
 };
 use sizeup::raster::Raster;
 use sizeup::simulate::{
@@ -26,13 +26,14 @@ struct Masks {
 }
 
 impl ContourSource for Masks {
-    fn contours(&self, view: &View, look: ContourFineness) -> Result<Vec<Contour>, ViewFault> {
+    fn contours(&self, view: &View, look: ContourFineness) -> Result<ViewContours, ViewFault> {
         let i = self.views.iter().position(|v| v.id == view.id).unwrap();
         let how =
             Vectorising { instances: self.instances, min_area_px2: look.min_area_px2, tolerance_px: look.tolerance_px };
         let mask = &self.masks[i];
         let mask = if self.instances == Instances::ByContact { mask.map(|l| u32::from(*l > 0)) } else { mask.clone() };
-        contours(&mask, how).map_err(|fault| ViewFault::Mask { path: PathBuf::from("memory"), fault })
+        let found = contours(&mask, how);
+        Ok(found.map_err(|fault| ViewFault::Mask { path: PathBuf::from("memory"), fault })?.into())
     }
 
     fn file_of(&self, _: &View) -> Option<PathBuf> {

@@ -1,13 +1,17 @@
 //! The network that comes with sizeup, from photos to footprints, and what can be wrong with networks' settings and depth.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use geo::{Area as _, BooleanOps as _};
 use geo_types::{MultiPolygon, Polygon};
-use sizeup::footprint::{Segmenter, SegmenterConfig};
+use sizeup::camera::Camera;
+use sizeup::footprint::{ContourFineness, ContourSource as _, Segmenter, SegmenterConfig};
+use sizeup::prior::{FilePriorConfig, FilePriors, PriorKind};
 use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind, simulate};
+use sizeup::survey::View;
 
-use crate::footprint_masks::{layer, run};
+use crate::footprint_masks::{layer, run, view};
 
 /// A village that the network never saw, photos and depth as it wants them; its footprints are to be found.
 fn village(folder: &Path) {
@@ -46,18 +50,66 @@ fn the_built_in_network_outlines_a_village_with_the_runs_own_depth() {
     let iou = found.intersection(&truth).unsigned_area() / found.union(&truth).unsigned_area();
     assert!(iou > 0.65, "{iou}");
 
-    // Where the photos that look straight down have no depth, each says so, and what to do.
-    for file in std::fs::read_dir(folder.join("priors")).unwrap() {
-        let path = file.unwrap().path();
-        if path.to_string_lossy().contains("nadir") {
-            std::fs::remove_file(path).unwrap();
-        }
+    // Depth that does not fit its photo is a mistake, and each photo says so.
+    let nadir: Vec<PathBuf> = std::fs::read_dir(folder.join("priors"))
+        .unwrap()
+        .map(|file| file.unwrap().path())
+        .filter(|path| path.to_string_lossy().contains("nadir"))
+        .collect();
+    nadir.iter().for_each(|path| std::fs::write(path, "no depth").unwrap());
+    let broken = run(folder, &["footprints", "sizeup.toml", "--output", "broken"]);
+    assert_eq!(broken.code, 3, "{}", broken.stderr);
+    for words in ["its depth cannot be used", "by colours alone", "hint: "] {
+        assert!(broken.stderr.contains(words), "{words:?} is not in {}", broken.stderr);
     }
+    // Photos without depth are seen by their colours.
+    nadir.iter().for_each(|path| std::fs::remove_file(path).unwrap());
     let without = run(folder, &["footprints", "sizeup.toml", "--output", "without"]);
-    assert_eq!(without.code, 3, "{}", without.stderr);
-    for words in ["its depth cannot be used", "does not exist", "hint: "] {
-        assert!(without.stderr.contains(words), "{words:?} is not in {}", without.stderr);
-    }
+    assert_eq!(without.code, 0, "{}", without.stderr);
+    let by_colours = union(&layer(&folder.join("without/footprints.gpkg")));
+    let iou = by_colours.intersection(&truth).unsigned_area() / by_colours.union(&truth).unsigned_area();
+    assert!(iou > 0.4, "{iou}");
+    let issues = std::fs::read_to_string(folder.join("without/issues.json")).unwrap();
+    assert_eq!(issues.matches("footprints_without_depth").count(), nadir.len(), "{issues}");
+}
+
+/// One photo of a village: no other one gives depth to it. A depth map that is level everywhere tells as much as none.
+#[test]
+fn a_single_photo_is_looked_at_without_depth_and_with_a_level_one() {
+    let folder = tempfile::tempdir().unwrap();
+    village(folder.path());
+    let images = folder.path().join("images");
+    let path = std::fs::read_dir(&images)
+        .unwrap()
+        .map(|file| file.unwrap().path())
+        .filter(|path| path.to_string_lossy().contains("nadir"))
+        .min()
+        .unwrap();
+    let (width, height) = image::image_dimensions(&path).unwrap();
+    let seen = view("", 0.0, 0.0);
+    let camera = Arc::new(Camera::pinhole(width, height, 400.0));
+    let seen = View { id: "photo.png".into(), camera, image: Some(path), ..seen };
+    let look = ContourFineness { min_area_px2: 20.0, tolerance_px: 0.3, pixel_m: 0.3 };
+    let alone = Segmenter::new(SegmenterConfig::built_in()).unwrap().contours(&seen, look).unwrap();
+    assert!(alone.contours.len() >= 2, "{} buildings", alone.contours.len());
+    assert!(alone.without_depth.is_some());
+    // Without depth one of eight is right: no building is likely.
+    assert!(alone.contours.iter().all(|c| (0.0..0.5).contains(&c.score)), "{:?}", alone.contours);
+
+    let level = folder.path().join("photo.asc");
+    std::fs::write(
+        &level,
+        format!("ncols 4\nnrows 3\nxllcorner 0\nyllcorner 0\ncellsize 1\n{}", "1492 1492 1492 1492\n".repeat(3)),
+    )
+    .unwrap();
+    let priors = || {
+        let files = FilePriorConfig::new(folder.path().join("{stem}.asc").to_string_lossy(), PriorKind::Depth);
+        Ok(Box::new(FilePriors::new(files, [])?) as Box<_>)
+    };
+    let with_level = Segmenter::with_depth(SegmenterConfig::built_in(), Some(&priors)).unwrap();
+    let found = with_level.contours(&seen, look).unwrap();
+    assert!(found.without_depth.as_ref().is_some_and(|why| why.contains("1492 everywhere")), "{found:?}");
+    assert_eq!(found.contours, alone.contours);
 }
 
 #[test]
@@ -74,6 +126,4 @@ fn settings_of_networks_that_cannot_be_are_refused_with_what_to_write() {
         let odd = refused(SegmenterConfig { pixel_m: Some(pixel_m), ..own() });
         assert!(odd.contains(&format!("pixel_m = {pixel_m}")) && odd.contains("0.01 to 10"), "{odd}");
     }
-    let no_depth = refused(own());
-    assert!(no_depth.contains("the built-in network takes depth") && no_depth.contains("hint: "), "{no_depth}");
 }

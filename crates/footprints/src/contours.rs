@@ -31,13 +31,28 @@ pub struct ContourFineness {
     pub pixel_m: f64,
 }
 
+/// The buildings that a view shows.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ViewContours {
+    /// Buildings, in pixels of the photo.
+    pub contours: Vec<Contour>,
+    /// Why a network that takes depth had none of this view: it found the buildings by colours alone.
+    pub without_depth: Option<String>,
+}
+
+impl From<Vec<Contour>> for ViewContours {
+    fn from(contours: Vec<Contour>) -> Self {
+        Self { contours, without_depth: None }
+    }
+}
+
 /// Gives the buildings that a view shows.
 pub trait ContourSource: Sync {
-    /// The buildings of one view, in pixels of its photo.
+    /// Returns the buildings of one view, in pixels of its photo.
     ///
     /// # Errors
     /// [`ViewFault`]: the view then has no say, and the others go on.
-    fn contours(&self, view: &View, look: ContourFineness) -> Result<Vec<Contour>, ViewFault>;
+    fn contours(&self, view: &View, look: ContourFineness) -> Result<ViewContours, ViewFault>;
 
     /// The file that a view's contours come from, for the lineage.
     fn file_of(&self, view: &View) -> Option<PathBuf>;

@@ -44,7 +44,7 @@ pub use candidate::{FootprintCandidate, SeenGround};
 pub use cluster::Dropped;
 pub use coco::{Annotated, PhotoInstances, coco_instances, is_coco};
 pub use consensus::{Agreed, Consensus, ConsensusConfig, agree};
-pub use contours::{ContourFineness, ContourKind, ContourSource, ViewFault};
+pub use contours::{ContourFineness, ContourKind, ContourSource, ViewContours, ViewFault};
 pub use detect::{
     BuildingSightings, Detection, DetectionSummary, PhotoContour, PlacedCandidate, Tracks, detect, move_roofs,
 };

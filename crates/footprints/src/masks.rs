@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::cadastre::CadastreConfig;
 use super::coco::{self, CocoFile};
 use super::consensus::default_roof_rounds;
-use super::contours::{ContourFineness, ContourKind, ContourSource, ViewFault};
+use super::contours::{ContourFineness, ContourKind, ContourSource, ViewContours, ViewFault};
 use super::georeference::InputAccuracy;
 use super::layer::FootprintError;
 use super::vectorise::{Contour, Instances, Vectorising, contours, contours_at_level};
@@ -129,9 +129,9 @@ impl MaskFiles {
 }
 
 impl ContourSource for MaskFiles {
-    fn contours(&self, view: &View, look: ContourFineness) -> Result<Vec<Contour>, ViewFault> {
+    fn contours(&self, view: &View, look: ContourFineness) -> Result<ViewContours, ViewFault> {
         if let Some(coco) = &self.coco {
-            return coco.contours(view, look, self.config.min_score);
+            return Ok(coco.contours(view, look, self.config.min_score)?.into());
         }
         let path = self.path_of(view).ok_or_else(|| ViewFault::Absent { path: self.config.path.clone().into() })?;
         if !self.is_there(view) {
@@ -154,7 +154,7 @@ impl ContourSource for MaskFiles {
             MaskKind::Instance | MaskKind::Coco => contours(&ids(&values, &path)?, how),
         };
         let found = found.map_err(|fault| ViewFault::Mask { path: path.clone(), fault })?;
-        Ok(found.into_iter().map(|contour| scaled(contour, scale)).collect())
+        Ok(found.into_iter().map(|contour| scaled(contour, scale)).collect::<Vec<_>>().into())
     }
 
     fn file_of(&self, view: &View) -> Option<PathBuf> {

@@ -120,11 +120,11 @@ fn measure_row(set: &Set, photos: &[Photo], row: &Row, pictures: Option<&Path>) 
                         tolerance_px: TOLERANCE_PX,
                         pixel_m: photo.image.ground_sample_m,
                     };
-                    let contours = source.contours(&view, look).map_err(|e| TrainError::Scene {
+                    let found = source.contours(&view, look).map_err(|e| TrainError::Scene {
                         scene: scene.name.clone(),
                         problem: format!("{} on {}: {e}", row.name(), photo.image.file_name),
                     })?;
-                    let shapes: Vec<_> = contours.into_iter().map(|o| o.shape_px).collect();
+                    let shapes: Vec<_> = found.contours.into_iter().map(|o| o.shape_px).collect();
                     fill(&shapes, photo.size)
                 }
             };

@@ -13,7 +13,7 @@ use sizeup_heights::camera::Camera;
 use sizeup_heights::frames::Rigid;
 use sizeup_heights::ids::ViewId;
 use sizeup_heights::raster::Raster;
-use sizeup_photos::prior::FilePriorConfig;
+use sizeup_photos::prior::{FilePriorConfig, FilePriors};
 use sizeup_survey::View;
 
 use super::LEAST_PX;
@@ -97,13 +97,22 @@ impl Row {
                 });
                 let open = |model: &Path| {
                     let config = SegmenterConfig {
-                        depth: depth.clone(),
-                        dip: *dip,
                         pixel_m: *pixel_m,
                         looks: Some(*looks),
                         ..SegmenterConfig::new(model, "small.v1")
                     };
-                    Segmenter::new(config).map_err(|e| failed(&e))
+                    let opened = match &depth {
+                        None => Segmenter::new(config),
+                        Some(depth) => {
+                            let files = || Ok(Box::new(FilePriors::new(depth.clone(), [])?) as Box<_>);
+                            Segmenter::with_depth(config, Some(&files))
+                        }
+                    };
+                    let network = opened.map_err(|e| failed(&e))?;
+                    Ok::<Segmenter, TrainError>(match dip {
+                        Some(dip) => network.with_valley(*dip),
+                        None => network,
+                    })
                 };
                 if path.extension().is_some_and(|e| e == "safetensors") {
                     let folder = tempfile::tempdir().map_err(|e| failed(&e))?;

@@ -4,10 +4,13 @@ use std::collections::BTreeMap;
 
 use glam::DVec2;
 use rand::Rng;
+use sizeup_footprints::segment::geometry::Lean;
 use sizeup_heights::seed;
 
 use super::TrainConfig;
 use super::matched::{as_if_matched, smooth};
+use super::sample::Placement;
+use crate::dataset::labels::UNKNOWN;
 use crate::dataset::load::Photo;
 use crate::network::Input;
 use crate::network::parameters::normal;
@@ -16,6 +19,20 @@ use crate::network::parameters::normal;
 pub const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 /// Standard deviation of red, green and blue that inputs are scaled by; see [`MEAN`].
 pub const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
+
+/// Lightness and hue of roofs: red tiles, grey slate or concrete, white, blue, and rusty metal. Each is as likely as the others, though
+/// simulated towns and most places have mainly one of them.
+const ROOFS: [[f32; 4]; 5] =
+    [[0.4, 1.5, 0.8, 0.7], [0.45, 1.0, 1.0, 1.0], [0.8, 1.0, 1.0, 1.0], [0.45, 0.6, 1.0, 1.5], [0.45, 1.25, 0.95, 0.8]];
+/// Focal lengths of the simulated photos, pixels of the network: 480 pixels wide and reduced to 0.34 m.
+const FOCAL_PX: std::ops::Range<f64> = 250.0..500.0;
+/// Largest lean along columns and rows in the corner of such a photo.
+const MOST_LEAN: f64 = 0.5;
+/// Relief of roofs in spreads: 1 over the root of the share of a photo that is built on, for 5 to 40 %.
+const ROOF_RELIEF: std::ops::Range<f32> = 1.6..4.5;
+/// Most trees in a crop, and their radii, pixels of 0.34 m.
+const MOST_TREES: usize = 20;
+const TREE_RADIUS_PX: std::ops::Range<f32> = 3.0..14.0;
 
 /// Change of a crop as a whole, made or not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,6 +51,8 @@ enum Change {
     Painted,
     /// A shadow falls over a part.
     Shaded,
+    /// Depth is made from the outlines of roofs.
+    Raised,
 }
 
 /// Differences of a crop's colours and relief from the photo's.
@@ -47,6 +66,8 @@ pub(super) struct Looks {
     /// Standard deviation of the logarithm of light that changes over tens of pixels, and of a texture of a few.
     light: f32,
     texture: f32,
+    /// Lean in the place of the photo's.
+    lean: Option<Lean>,
     /// Changes that are made.
     changes: Vec<Change>,
 }
@@ -61,6 +82,7 @@ impl Looks {
             relief_gain: 1.0,
             light: 0.0,
             texture: 0.0,
+            lean: None,
             changes: Vec::new(),
         }
     }
@@ -82,28 +104,56 @@ impl Looks {
         let light = (a.light * rng.random::<f64>()) as f32;
         let texture = (a.texture * rng.random::<f64>()) as f32;
         let is_shaded = rng.random_bool(a.shaded);
+        let is_without_depth = (dropped && !which) || (has(Input::Image) && rng.random_bool(a.without_depth));
         let changes = [
             (Change::Grey, is_grey),
             (Change::Blurred, is_blurred),
-            (Change::WithoutImage, dropped && which),
-            (Change::WithoutDepth, dropped && !which),
+            (Change::WithoutImage, dropped && which && !is_without_depth),
+            (Change::WithoutDepth, is_without_depth),
             (Change::Matched, is_matched),
             (Change::Painted, is_painted),
             (Change::Shaded, is_shaded),
         ];
         let changes = changes.into_iter().filter_map(|(change, is_made)| is_made.then_some(change)).collect();
-        Self { gain, gamma, noise, key, relief_gain, light, texture, changes }
+        Self { gain, gamma, noise, key, relief_gain, light, texture, lean: None, changes }
+    }
+
+    /// The same for an orthophoto's crop: it always keeps its own colours, and may get a lean and depth that it does not have.
+    pub fn of_orthophoto(mut self, config: &TrainConfig, place: &Placement, rng: &mut impl Rng) -> Self {
+        self.changes.retain(|change| !matches!(change, Change::WithoutImage | Change::Painted));
+        if rng.random_bool(config.orthophotos.raised) {
+            self.changes.push(Change::Raised);
+        }
+        if rng.random_bool(config.orthophotos.leaning) {
+            // Focal length and nadir of a photo reduced to the network's pixels.
+            let focal_px = place.zoom * rng.random_range(FOCAL_PX);
+            let aside = DVec2::new(rng.random_range(-MOST_LEAN..MOST_LEAN), rng.random_range(-MOST_LEAN..MOST_LEAN));
+            self.lean = Some(Lean { nadir_px: (place.centre + focal_px * aside).to_array(), focal_px });
+        }
+        self
+    }
+
+    /// Lean that the crop gets in the place of the photo's, if any.
+    pub fn lean(&self) -> Option<Lean> {
+        self.lean
     }
 
     fn has(&self, change: Change) -> bool {
         self.changes.contains(&change)
     }
 
-    /// Relief at cells of a photo; outside it is the ground's 0.
+    /// Relief at cells of a photo; outside it, and in a photo without depth, it is the ground's 0.
     pub fn relief(&self, photo: &Photo, cells: &[Option<usize>], size: (usize, usize)) -> Vec<f32> {
-        let gain = if self.has(Change::WithoutDepth) { 0.0 } else { self.relief_gain };
-        let mut relief: Vec<f32> = cells.iter().map(|c| c.map_or(0.0, |c| gain * photo.relief[c])).collect();
-        if self.has(Change::Matched) && !self.has(Change::WithoutDepth) {
+        let is_raised = self.has(Change::Raised) && photo.relief.is_empty();
+        if self.has(Change::WithoutDepth) || (photo.relief.is_empty() && !is_raised) {
+            return vec![0.0; cells.len()];
+        }
+        let mut relief: Vec<f32> = if is_raised {
+            raised(photo, cells, size, &mut seed::stream(self.key, "raised", &[]))
+        } else {
+            cells.iter().map(|c| c.map_or(0.0, |c| self.relief_gain * photo.relief[c])).collect()
+        };
+        if self.has(Change::Matched) {
             relief = as_if_matched(&relief, size, &mut seed::stream(self.key, "matched", &[]));
         }
         relief
@@ -118,7 +168,7 @@ impl Looks {
         size: (usize, usize),
         zoom: f64,
     ) -> Vec<f32> {
-        if self.has(Change::WithoutImage) {
+        if self.has(Change::WithoutImage) && !photo.relief.is_empty() {
             return vec![0.0; 3 * pixels.len()];
         }
         let is_exact = zoom == 1.0;
@@ -179,14 +229,48 @@ impl Looks {
     }
 }
 
+/// Depth from outlines: flat roofs of several heights, and trees between them, which stand out of the ground like roofs.
+fn raised(photo: &Photo, cells: &[Option<usize>], (columns, rows): (usize, usize), rng: &mut impl Rng) -> Vec<f32> {
+    let common: f32 = rng.random_range(ROOF_RELIEF);
+    let mut roofs: BTreeMap<u16, f32> = BTreeMap::new();
+    let trees: Vec<(f32, f32, f32, f32)> = (0..rng.random_range(0..=MOST_TREES))
+        .map(|_| {
+            let at = (rng.random_range(0.0..columns as f32), rng.random_range(0.0..rows as f32));
+            (at.0, at.1, rng.random_range(TREE_RADIUS_PX), common * rng.random_range(0.3..1.5))
+        })
+        .collect();
+    let mut relief = Vec::with_capacity(cells.len());
+    for (i, cell) in cells.iter().enumerate() {
+        let label = cell.map_or(0, |cell| photo.roof.data()[cell]);
+        let (x, y) = ((i % columns) as f32, (i / columns) as f32);
+        let crown = |(col, row, radius, top): &(f32, f32, f32, f32)| {
+            let share = 1.0 - ((x - col).powi(2) + (y - row).powi(2)) / radius.powi(2);
+            top * share.max(0.0).sqrt()
+        };
+        relief.push(match label {
+            0 | UNKNOWN => trees.iter().map(crown).fold(0.0, f32::max),
+            _ => *roofs.entry(label).or_insert_with(|| common * rng.random_range(0.5..1.4)),
+        });
+    }
+    relief
+}
+
 /// Gives every roof, and the ground, a colour of its own in the place of a part of theirs; light and texture stay.
 fn painted(colours: &mut [[f32; 3]], photo: &Photo, cells: &[Option<usize>], rng: &mut impl Rng) {
     let mut paints: BTreeMap<u16, ([f32; 3], f32)> = BTreeMap::new();
     for (colour, cell) in colours.iter_mut().zip(cells) {
         let Some(cell) = cell else { continue };
-        let (paint, share) = *paints.entry(photo.roof.data()[*cell]).or_insert_with(|| {
+        let label = photo.roof.data()[*cell];
+        let (paint, share) = *paints.entry(label).or_insert_with(|| {
             let grey: f32 = rng.random_range(0.15..0.8);
-            ([0; 3].map(|_| grey * rng.random_range(0.7..1.3)), rng.random_range(0.0..0.9))
+            let paint = match ROOFS[rng.random_range(0..ROOFS.len())] {
+                [light, hue @ ..] if label != 0 => {
+                    let light = light * rng.random_range(0.6..1.4_f32);
+                    hue.map(|h| light * h * rng.random_range(0.9..1.1))
+                }
+                _ => [0; 3].map(|_| grey * rng.random_range(0.7..1.3)),
+            };
+            (paint, rng.random_range(0.0..0.9))
         });
         let light = 0.4 * (colour[0] + colour[1] + colour[2]) / 3.0 + 0.6 * colour[1];
         *colour = [0, 1, 2].map(|c| (1.0 - share) * colour[c] + share * (paint[c] * (0.4 + 1.5 * light)).min(1.0));
@@ -231,4 +315,55 @@ fn blurred(colours: &[[f32; 3]], (columns, rows): (usize, usize)) -> Vec<[f32; 3
         sum.map(|s| s / n)
     };
     (0..colours.len()).map(mean).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use sizeup_heights::raster::Raster;
+
+    use super::*;
+    use crate::dataset::coco::CocoImage;
+
+    /// A photo of one red roof.
+    fn red_roof() -> Photo {
+        let image = serde_json::json!({
+            "id": 1, "file_name": "a.png", "width": 8, "height": 8, "scene": "a", "off_nadir_deg": 0.0, "nadir_px": [4.0, 4.0],
+            "focal_px": 10.0, "ground_sample_m": 0.3, "ground": "g", "roof": "r", "visible": "v",
+        });
+        let image: CocoImage = serde_json::from_value(image).unwrap();
+        let labels = Raster::filled(8, 8, 1);
+        let lean = Lean { nadir_px: image.nadir_px, focal_px: image.focal_px };
+        Photo {
+            image,
+            size: (8, 8),
+            rgb: vec![[170, 70, 55]; 64],
+            relief: Vec::new(),
+            lean,
+            ground: labels.clone(),
+            roof: labels,
+        }
+    }
+
+    /// A red roof that is painted over becomes reddish, bluish and neither about as often as the five kinds of roofs are.
+    #[test]
+    fn painted_roofs_are_red_no_more_often_than_blue_or_grey() {
+        let photo = red_roof();
+        let (mut n_red, mut n_blue, mut n_neutral) = (0, 0, 0);
+        for key in 0..500 {
+            let mut colours = vec![[0.45, 0.45, 0.45]; 64];
+            let cells: Vec<Option<usize>> = (0..64).map(Some).collect();
+            painted(&mut colours, &photo, &cells, &mut seed::stream(key, "test", &[]));
+            let [red, green, blue] = colours[0];
+            match (red - blue) / (red + green + blue) {
+                off if off > 0.1 => n_red += 1,
+                off if off < -0.1 => n_blue += 1,
+                _ => n_neutral += 1,
+            }
+        }
+        // Roofs are painted by 0 to 90 % of their colour, so that some of each hue stay near grey.
+        assert!(
+            n_blue > 50 && n_neutral > 200 && n_red < 2 * n_blue + 50,
+            "{n_red} red, {n_blue} blue, {n_neutral} neither"
+        );
+    }
 }

@@ -57,6 +57,8 @@ pub struct TrainConfig {
     pub loss: LossConfig,
     /// Ways in which crops are varied.
     pub augment: AugmentConfig,
+    /// Scenes of real orthophotos, and how they are learned from.
+    pub orthophotos: OrthophotoConfig,
     /// When to look, and when to stop.
     pub stop: StopConfig,
 }
@@ -78,6 +80,7 @@ impl Default for TrainConfig {
             weight_decay: 1e-3,
             loss: LossConfig::default(),
             augment: AugmentConfig::default(),
+            orthophotos: OrthophotoConfig::default(),
             stop: StopConfig::default(),
         }
     }
@@ -136,7 +139,7 @@ pub struct AugmentConfig {
     pub drop: f64,
     /// Share of crops whose depth is as if photos had been matched for it: wandering edges, steps, blobs, holes.
     pub matched: f64,
-    /// Share of crops whose roofs and ground take other colours.
+    /// Share of crops whose roofs and ground take other colours: roofs are red, grey, white, blue or of rusty metal, each as often.
     pub painted: f64,
     /// Most standard deviation of the logarithm of light that changes over tens of pixels.
     pub light: f64,
@@ -144,6 +147,31 @@ pub struct AugmentConfig {
     pub texture: f64,
     /// Share of crops over a part of which a shadow falls.
     pub shaded: f64,
+    /// Share of crops without depth, besides those of `drop`.
+    pub without_depth: f64,
+}
+
+/// Scenes whose labels are outlines of roofs drawn on an orthophoto. They teach roofs, middles, seams and, beside a rim, the ground; they
+/// teach no rise.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct OrthophotoConfig {
+    /// Names of the scenes, for training and for validation.
+    pub scenes: Vec<String>,
+    /// Share of crops from these scenes, each scene as often as the others. It also is their weight in the loss on validation.
+    pub share: f64,
+    /// Width of the rim on each side of an outline in which the ground is unknown, metres: walls stand inside the eaves.
+    pub rim_m: f64,
+    /// Share of their crops that get the lean of an ordinary photo. Roofs look the same there; the ground is unknown.
+    pub leaning: f64,
+    /// Share of their crops that get depth made from the outlines, with trees. The other crops have no depth.
+    pub raised: f64,
+}
+
+impl Default for OrthophotoConfig {
+    fn default() -> Self {
+        Self { scenes: Vec::new(), share: 0.5, rim_m: 0.4, leaning: 0.5, raised: 0.3 }
+    }
 }
 
 impl Default for AugmentConfig {
@@ -162,6 +190,7 @@ impl Default for AugmentConfig {
             light: 0.0,
             texture: 0.0,
             shaded: 0.0,
+            without_depth: 0.0,
         }
     }
 }
@@ -208,7 +237,7 @@ impl TrainConfig {
             ));
         }
         let within = |value: f64, low: f64, high: f64| value >= low && value <= high;
-        let (a, l) = (&self.augment, &self.loss);
+        let (a, l, o) = (&self.augment, &self.loss, &self.orthophotos);
         for (name, value, low, high) in [
             ("pixel_m", self.pixel_m.unwrap_or(1.0), 0.01, 10.0),
             ("crop_px", self.crop_px as f64, 16.0, 4096.0),
@@ -238,6 +267,11 @@ impl TrainConfig {
             ("augment.light", a.light, 0.0, 1.0),
             ("augment.texture", a.texture, 0.0, 1.0),
             ("augment.shaded", a.shaded, 0.0, 1.0),
+            ("augment.without_depth", a.without_depth, 0.0, 1.0),
+            ("orthophotos.share", o.share, 0.0, 1.0),
+            ("orthophotos.rim_m", o.rim_m, 0.0, 5.0),
+            ("orthophotos.leaning", o.leaning, 0.0, 1.0),
+            ("orthophotos.raised", o.raised, 0.0, 1.0),
             ("stop.every", self.stop.every as f64, 1.0, 1e8),
             ("stop.patience", self.stop.patience as f64, 1.0, 1e8),
         ] {

@@ -53,7 +53,7 @@ impl Training {
     /// [`TrainError`] for settings and sets that cannot be used.
     pub fn new(config: TrainConfig, sets: &[Set], out: &Path) -> Result<Self, TrainError> {
         config.validate()?;
-        check_scenes(sets)?;
+        check_scenes(sets, &config)?;
         let of = |split: Split| -> Result<Vec<Scene>, TrainError> {
             let mut photos = Vec::new();
             for set in sets {
@@ -171,20 +171,37 @@ impl Training {
     }
 
     fn look(&self, state: &mut Checkpoint, told: &dyn Fn(&str)) -> Result<(), TrainError> {
-        let (mut sum, mut both, mut either) = (0.0, 0.0, 0.0);
+        // Of orthophotos and of others: number of photos, sum of losses, pixels of both, pixels of either.
+        let mut sums = [[0.0; 4]; 2];
         let mut shown = Vec::new();
         for (i, scene) in self.val.iter().enumerate() {
             let batch = self.whole(scene)?;
             let size = (batch.target.dim(2)?, batch.target.dim(3)?);
             let found = logits(&self.config.network, &state.parameters, &batch.inputs, size)?.detach();
-            sum += f64::from(loss(&found, &batch, &self.config.loss)?.to_scalar::<f32>()?);
-            let (b, e) = overlap(&found, &batch)?;
-            (both, either) = (both + b, either + e);
+            let loss = f64::from(loss(&found, &batch, &self.config.loss)?.to_scalar::<f32>()?);
+            let (both, either) = overlap(&found, &batch)?;
+            let group = &mut sums[usize::from(!scene.is_orthophoto())];
+            group.iter_mut().zip([1.0, loss, both, either]).for_each(|(sum, value)| *sum += value);
             if pictures::is_shown(i, self.val.len()) {
                 shown.push((scene, sample::reduction(&scene.photo, &self.config), found));
             }
         }
-        let (val_loss, iou) = (sum / self.val.len() as f64, if either > 0.0 { both / either } else { 1.0 });
+        let share = self.config.orthophotos.share;
+        let weights = match sums.map(|group| group[0] > 0.0) {
+            [true, true] => [share, 1.0 - share],
+            has => has.map(f64::from),
+        };
+        let iou_of = |[_, _, both, either]: [f64; 4]| if either > 0.0 { both / either } else { 1.0 };
+        let mean = |value: &dyn Fn([f64; 4]) -> f64| {
+            let terms = sums.iter().zip(weights).filter(|(_, weight)| *weight > 0.0);
+            terms.map(|(group, weight)| weight * value(*group)).sum::<f64>()
+        };
+        let (val_loss, iou) = (mean(&|group| group[1] / group[0]), mean(&iou_of));
+        let of_orthophotos = if weights[0] > 0.0 && weights[1] > 0.0 {
+            format!(" ({:.1} % of orthophotos, {:.1} % of others)", 100.0 * iou_of(sums[0]), 100.0 * iou_of(sums[1]))
+        } else {
+            String::new()
+        };
         let progress = &mut state.progress;
         let (total, n) = std::mem::take(&mut progress.loss_sum);
         let train_loss = total / n.max(1) as f64;
@@ -204,7 +221,7 @@ impl Training {
         pictures::overlays(&shown, &self.out.join("val.png"))?;
         state.write(&self.out.join(LAST))?;
         told(&format!(
-            "step {step}: loss {train_loss:.4}, on validation {val_loss:.4}, IoU {:.1} %{}",
+            "step {step}: loss {train_loss:.4}, on validation {val_loss:.4}, IoU {:.1} %{of_orthophotos}{}",
             100.0 * iou,
             if state.progress.n_since == 0 { ", the best so far" } else { "" }
         ));
@@ -220,14 +237,20 @@ impl Training {
     }
 }
 
-/// Checks that no scene is in two sets: what one set tests another one may learn from.
-fn check_scenes(sets: &[Set]) -> Result<(), TrainError> {
+/// Checks that no scene is in two sets, for what one set tests another one may learn from, and that every scene exists that the
+/// configuration names.
+fn check_scenes(sets: &[Set], config: &TrainConfig) -> Result<(), TrainError> {
     let mut names = BTreeSet::new();
     for set in sets {
         if let Some(twice) = set.manifest.scenes.iter().find(|scene| !names.insert(&scene.name)) {
             let problem = format!("its scene {:?} is in another set, too", twice.name);
             return Err(TrainError::set(&set.root, problem, "a scene is in one set and one split only"));
         }
+    }
+    if let Some(unknown) = config.orthophotos.scenes.iter().find(|name| !names.contains(name)) {
+        let found = names.into_iter().map(String::as_str).collect::<Vec<_>>().join(", ");
+        let problem = format!("orthophotos.scenes: there is no scene {unknown:?} among {found}");
+        return Err(TrainError::config(problem, "a scene of one of the sets given with --set"));
     }
     Ok(())
 }

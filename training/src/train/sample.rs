@@ -3,6 +3,8 @@
 //! A crop's pixel `q` shows the photo's pixel `p = c + z · D q`, with a zoom `z` and one of the eight flips and quarter turns
 //! `D`. A direction in the photo is `Dᵀ l` in the crop: the lean turns along, so that poses stay true. Depth needs nothing.
 
+use std::collections::BTreeMap;
+
 use candle_core::{Device, Tensor};
 use glam::DVec2;
 use rand::Rng;
@@ -35,35 +37,50 @@ pub struct Scene {
     built: Vec<u32>,
     /// Positions of the photo's pixels where two roofs meet.
     seams: Vec<u32>,
+    /// Per pixel of an orthophoto: whether an outline is so near that the ground is unknown; empty for other photos.
+    rim: Vec<bool>,
 }
 
 impl Scene {
     /// Gets photos ready, and checks that they have what the network takes.
     ///
     /// # Errors
-    /// [`TrainError::Config`] for a network with depth and a photo without.
+    /// [`TrainError::Config`] for a network that sees depth alone and a photo without.
     pub fn ready(photos: Vec<Photo>, config: &TrainConfig) -> Result<Vec<Self>, TrainError> {
-        let takes_depth = config.network.inputs.contains(&Input::Depth);
-        if let Some(without) = photos.iter().find(|p| takes_depth && p.relief.is_empty()) {
-            let problem = format!("{} has no depth, and the network takes it", without.image.file_name);
-            return Err(TrainError::config(
-                problem,
-                "give the scene a `prior`, or leave \"depth\" out of `network.inputs`",
-            ));
+        let needs_depth =
+            config.network.inputs.contains(&Input::Depth) && !config.network.inputs.contains(&Input::Image);
+        if let Some(without) = photos.iter().find(|p| needs_depth && p.relief.is_empty()) {
+            let problem = format!("{} has no depth, and the network takes nothing else", without.image.file_name);
+            return Err(TrainError::config(problem, "give the scene a `prior`, or add \"image\" to `network.inputs`"));
         }
         let reach = config.loss.reach_px;
         let ready = |photo: Photo| {
+            let is_orthophoto = config.orthophotos.scenes.contains(&photo.image.scene);
+            let n = reduction(&photo, config) as usize;
+            let photo = photo.reduced(n);
             let is_building = |i: &u32| !matches!(photo.ground.data()[*i as usize], 0 | UNKNOWN);
             let built = (0..photo.ground.data().len() as u32).filter(is_building).collect();
             let roofs = known_roofs(&photo);
-            let rises = rises(&photo.ground, &photo.roof, DVec2::from(photo.lean.nadir_px));
+            let rises = if is_orthophoto {
+                BTreeMap::new()
+            } else {
+                rises(&photo.ground, &photo.roof, DVec2::from(photo.lean.nadir_px))
+            };
             let rise = |label: &u16| rises.get(label).map_or(f32::NAN, |r| *r as f32 / MOST_RISE);
             let rise = photo.roof.data().iter().map(rise).collect();
             let middles = middles(&roofs, reach);
             let seams = (0..middles.is_seam.len() as u32).filter(|i| middles.is_seam[*i as usize]).collect();
-            Self { photo, middles, rise, built, seams }
+            let rim_px = config.orthophotos.rim_m / photo.image.ground_sample_m;
+            let rim = if is_orthophoto { rim(&photo.roof, rim_px) } else { Vec::new() };
+            Self { photo, middles, rise, built, seams, rim }
         };
         Ok(photos.into_par_iter().map(ready).collect())
+    }
+
+    /// Whether its labels are outlines drawn on an orthophoto.
+    #[must_use]
+    pub fn is_orthophoto(&self) -> bool {
+        !self.rim.is_empty()
     }
 }
 
@@ -71,6 +88,23 @@ impl Scene {
 /// `config.pixel_m`.
 pub(super) fn reduction(photo: &Photo, config: &TrainConfig) -> f64 {
     config.pixel_m.map_or(1.0, |pixel_m| (pixel_m / photo.image.ground_sample_m).max(1.0))
+}
+
+/// Pixels whose centre is within a distance of one with another label.
+fn rim(labels: &Raster<u16>, reach_px: f64) -> Vec<bool> {
+    let (width, height) = (labels.width(), labels.height());
+    let reach = reach_px as usize;
+    let is_near = |i: usize| {
+        let (col, row) = (i % width, i / width);
+        let rows = row.saturating_sub(reach)..(row + reach + 1).min(height);
+        rows.into_iter().any(|r| {
+            (col.saturating_sub(reach)..(col + reach + 1).min(width)).any(|c| {
+                let off = (r.abs_diff(row).pow(2) + c.abs_diff(col).pow(2)) as f64;
+                labels[(c, r)] != labels.data()[i] && off <= reach_px.powi(2)
+            })
+        })
+    };
+    (0..labels.data().len()).map(is_near).collect()
 }
 
 /// Labels of roofs, unknown where it is not known what stands on the ground.
@@ -90,12 +124,13 @@ pub(super) fn wanted(scene: &Scene, cell: Option<usize>, loss: &LossConfig) -> [
     let as_float = |b: bool| f32::from(u8::from(b));
     let (ground, roof) = (scene.photo.ground.data()[cell], scene.photo.roof.data()[cell]);
     let (is_known, is_roof) = (as_float(ground != UNKNOWN), as_float(roof != 0));
+    let is_ground_known = if scene.rim.get(cell) == Some(&true) { 0.0 } else { is_known };
     let is_roof_known = is_known.max(is_roof);
     let gain = if scene.middles.is_shared[cell] { loss.shared_gain as f32 } else { 1.0 };
     let is_seam = scene.middles.is_seam[cell];
     let rise = scene.rise[cell];
     [
-        (as_float(!matches!(ground, 0 | UNKNOWN)), is_known),
+        (as_float(!matches!(ground, 0 | UNKNOWN)), is_ground_known),
         (is_roof, is_roof_known),
         (scene.middles.near[cell], gain * is_roof_known),
         if rise.is_nan() { (0.0, 0.0) } else { (rise, is_roof) },
@@ -171,13 +206,18 @@ impl Draft {
                 Input::Image => values.extend(looks.colours(photo, &pixels, &cells, self.size, place.zoom)),
                 Input::Depth => values.extend(looks.relief(photo, &cells, self.size)),
                 Input::Lean => {
-                    let leans: Vec<DVec2> = pixels.iter().map(|p| place.turn_back(photo.lean.at(*p))).collect();
+                    let lean = looks.lean().unwrap_or(photo.lean);
+                    let leans: Vec<DVec2> = pixels.iter().map(|p| place.turn_back(lean.at(*p))).collect();
                     values.extend(leans.iter().map(|l| l.x as f32));
                     values.extend(leans.iter().map(|l| l.y as f32));
                 }
             }
         }
-        let wanted: Vec<_> = cells.iter().map(|c| wanted(scene, *c, &self.loss)).collect();
+        let mut wanted: Vec<_> = cells.iter().map(|c| wanted(scene, *c, &self.loss)).collect();
+        if looks.lean().is_some() {
+            // The roof would be displaced from its foot, nobody knows how far.
+            wanted.iter_mut().for_each(|w| w[0].1 = 0.0);
+        }
         for channel in 0..N_LOGITS {
             self.target.extend(wanted.iter().map(|w| w[channel].0));
             self.weight.extend(wanted.iter().map(|w| w[channel].1));
@@ -234,6 +274,23 @@ impl Placement {
     }
 }
 
+/// The photo of a crop: any one, or where there are orthophotos, one of these or of the others by their share; each scene of
+/// orthophotos as often as the others, however many photos it has.
+fn chosen<'a>(scenes: &'a [Scene], config: &TrainConfig, rng: &mut impl Rng) -> &'a Scene {
+    let (orthophotos, others): (Vec<&Scene>, Vec<&Scene>) = scenes.iter().partition(|s| s.is_orthophoto());
+    let is_orthophoto = !orthophotos.is_empty() && (others.is_empty() || rng.random_bool(config.orthophotos.share));
+    if !is_orthophoto {
+        return others[rng.random_range(0..others.len())];
+    }
+    let mut by_place: BTreeMap<&str, Vec<&Scene>> = BTreeMap::new();
+    for scene in orthophotos {
+        by_place.entry(&scene.photo.image.scene).or_default().push(scene);
+    }
+    let places: Vec<Vec<&Scene>> = by_place.into_values().collect();
+    let place = &places[rng.random_range(0..places.len())];
+    place[rng.random_range(0..place.len())]
+}
+
 /// The crops of one step: from photos chosen anew, mostly where buildings are.
 ///
 /// # Errors
@@ -244,9 +301,12 @@ pub fn of_step(scenes: &[Scene], config: &TrainConfig, step: usize, device: &Dev
         .into_par_iter()
         .map(|i| {
             let mut rng = seed::stream(config.seed, "crop", &[step as u64, i as u64]);
-            let scene = &scenes[rng.random_range(0..scenes.len())];
+            let scene = chosen(scenes, config, &mut rng);
             let place = Placement::random(scene, config, &mut rng);
-            let looks = Looks::random(config, &mut rng);
+            let mut looks = Looks::random(config, &mut rng);
+            if scene.is_orthophoto() {
+                looks = looks.of_orthophoto(config, &place, &mut rng);
+            }
             let mut draft = Draft::new(config, (side, side));
             draft.add(scene, &place, &looks);
             draft

@@ -3,5 +3,6 @@
 mod bad_input;
 mod gradients;
 mod learning;
+mod orthophotos;
 mod paper_features;
 mod scene;

@@ -116,11 +116,13 @@ impl LayerBuilder<'_> {
             .collect();
         // One view of one is weaker evidence than nine of nine.
         let support = (building.n_views as f64 + 0.5) / (building.n_seen as f64 + 1.0);
+        let scores = building.members.iter().map(|&m| f64::from(self.placed[m].score));
+        let score = scores.sum::<f64>() / building.members.len().max(1) as f64;
         BuildingSightings {
             n_views: building.n_views,
             n_seen: building.n_seen,
             agreement: building.agreement,
-            confidence: support.min(1.0) * building.agreement,
+            confidence: support.min(1.0) * building.agreement * score,
             corner_sigma_m,
             is_assembled: building.is_assembled,
             left_out_m2: building.left_out_m2,

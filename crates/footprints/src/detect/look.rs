@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::{BORDER_PX, PhotoContour};
 use crate::candidate::FootprintCandidate;
-use crate::contours::{ContourFineness, ContourKind, ContourSource, ViewFault};
+use crate::contours::{ContourFineness, ContourKind, ContourSource, ViewContours, ViewFault};
 use crate::georeference::{BaseSurface, PlaceError, Projector, ground_pixel_m};
 use crate::source::DetectionSettings;
 use crate::vectorise::Contour;
@@ -26,6 +26,8 @@ pub(super) struct ViewCandidates {
     pub contours: Vec<(Contour, MultiPolygon<f64>, PlaceError)>,
     /// Contours that the terrain does not reach under.
     pub n_off_terrain: usize,
+    /// Why a network that takes depth had none.
+    pub without_depth: Option<String>,
 }
 
 /// Looks for contours in a view and lays them on the ground.
@@ -46,7 +48,7 @@ pub(super) fn look_at(
         tolerance_px: CONTOUR_SHARE * settings.consensus.tolerance_m / pixel_m,
         pixel_m,
     };
-    let found = source.contours(view, look)?;
+    let ViewContours { contours: found, without_depth } = source.contours(view, look)?;
     let n_found = found.len();
     let contours: Vec<_> = found
         .into_iter()
@@ -62,7 +64,7 @@ pub(super) fn look_at(
         })
         .collect();
     let n_off_terrain = n_found - contours.len();
-    Ok(ViewCandidates { seen, contours, n_off_terrain })
+    Ok(ViewCandidates { seen, contours, n_off_terrain, without_depth })
 }
 
 /// A roof's contour at a height above the ground under its middle.

@@ -58,7 +58,7 @@ pub struct BuildingSightings {
     pub n_seen: usize,
     /// Mean intersection over union of the views with the footprint.
     pub agreement: f64,
-    /// Share of the views that show it times agreement: 0 to 1, not calibrated.
+    /// Share of the views that show it times agreement times their mean score: 0 to 1.
     pub confidence: f64,
     /// Standard deviation of each corner, metres: exterior, then holes, without the repeated last ones.
     pub corner_sigma_m: Vec<f64>,
@@ -171,6 +171,15 @@ pub fn detect(
             issues.push(
                 Issue::new(Severity::Note, "contours_off_terrain", subject, message)
                     .hint("use a terrain model that covers what the views see"),
+            );
+        }
+        if let Some(reason) = looked.without_depth {
+            let message = format!("its buildings are found by colours alone: {reason}");
+            let subject = Subject::View(views[view].id.0.clone());
+            issues.push(
+                Issue::new(Severity::Note, "footprints_without_depth", subject, message).hint(
+                    "depth makes footprints better: overlapping photos for stereo, or a depth map set in [prior]",
+                ),
             );
         }
         for (contour, shape, error) in looked.contours {

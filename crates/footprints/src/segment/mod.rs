@@ -23,10 +23,10 @@ pub use self::small::{SMALL, SmallNetwork};
 
 use self::apart::{Apart, split};
 use self::profile::Gives;
-use self::roofs::{Maps, footprints};
+use self::roofs::{Maps, footprints, possible_rise};
 use self::tiles::{Joiner, Mosaic, at_photo_size};
 use self::turned::TurnedOver;
-use super::contours::{ContourFineness, ContourSource, ViewFault};
+use super::contours::{ContourFineness, ContourSource, ViewContours, ViewFault};
 use super::vectorise::{Contour, Instances, MaskFault, Vectorising, contours, contours_at_level};
 use sizeup_geo::geodata::raster::RasterFile;
 use sizeup_heights::raster::Raster;
@@ -40,7 +40,7 @@ const OVERLAP: f64 = 0.2;
 const PART_SHARE: f64 = 0.25;
 
 impl ContourSource for Segmenter {
-    fn contours(&self, view: &View, look: ContourFineness) -> Result<Vec<Contour>, ViewFault> {
+    fn contours(&self, view: &View, look: ContourFineness) -> Result<ViewContours, ViewFault> {
         let path = view.image.as_deref().ok_or_else(|| ViewFault::Photo { reason: "it is not known".to_owned() })?;
         let photo = RasterFile::open(path).map_err(|e| ViewFault::Photo { reason: e.to_string() })?;
         let size = photo.size();
@@ -51,7 +51,8 @@ impl ContourSource for Segmenter {
                 photo: (view.camera.width_px, view.camera.height_px),
             });
         }
-        let geometry = self.geometry_of(view)?;
+        let mut geometry = self.geometry_of(view)?;
+        let without_depth = geometry.without_depth.take();
         let tile_px = self.tile_px(size, look.pixel_m);
         let windows = tiles::tiles(size, tile_px, (OVERLAP * tile_px as f64) as usize);
         let how = Vectorising {
@@ -60,7 +61,7 @@ impl ContourSource for Segmenter {
             tolerance_px: look.tolerance_px,
         };
         let in_photo = |fault: MaskFault| ViewFault::Mask { path: path.to_owned(), fault };
-        match self.profile.gives {
+        let contours = match self.profile.gives {
             Gives::Semantic | Gives::Roofs => {
                 let n_maps = if self.profile.gives == Gives::Roofs { 5 } else { 2 };
                 let mut mosaics: Vec<Mosaic> = Vec::new();
@@ -84,13 +85,20 @@ impl ContourSource for Segmenter {
                 };
                 match <[Raster<f32>; 5]>::try_from(maps) {
                     Ok([ground, roof, middle, rise, seam]) => {
+                        let rise = possible_rise(rise, look.pixel_m * geometry.lean.focal_px);
                         let maps = Maps { ground, roof, middle, rise, seam };
-                        contours(&footprints(&maps, geometry.lean.nadir_px.into(), apart), how).map_err(in_photo)
+                        let labels = footprints(&maps, geometry.lean.nadir_px.into(), apart);
+                        let found = contours(&labels, how).map_err(in_photo)?;
+                        self.scored(found, &labels, &maps.ground, without_depth.is_none())
                     }
                     Err(maps) => match &maps[..] {
-                        [] => Ok(Vec::new()),
-                        [buildings] => contours_at_level(buildings, self.config.above, how).map_err(in_photo),
-                        [buildings, middles, ..] => contours(&split(buildings, middles, apart), how).map_err(in_photo),
+                        [] => Vec::new(),
+                        [buildings] => contours_at_level(buildings, self.config.above, how).map_err(in_photo)?,
+                        [buildings, middles, ..] => {
+                            let labels = split(buildings, middles, apart);
+                            let found = contours(&labels, how).map_err(in_photo)?;
+                            self.scored(found, &labels, buildings, without_depth.is_none())
+                        }
                     },
                 }
             }
@@ -111,12 +119,38 @@ impl ContourSource for Segmenter {
                 for contour in &mut found {
                     contour.score = scores[contour.label as usize].clamp(0.0, 1.0);
                 }
-                Ok(found)
+                found
             }
-        }
+        };
+        Ok(ViewContours { contours, without_depth })
     }
 
     fn file_of(&self, view: &View) -> Option<PathBuf> {
         view.image.clone()
+    }
+}
+
+impl Segmenter {
+    /// Contours of labels with their scores: the mean probability of their pixels, for the network that comes with sizeup calibrated.
+    fn scored(
+        &self,
+        mut found: Vec<Contour>,
+        labels: &Raster<u32>,
+        probability: &Raster<f32>,
+        has_depth: bool,
+    ) -> Vec<Contour> {
+        let n = labels.data().iter().copied().max().unwrap_or(0) as usize;
+        let mut sums = vec![(0.0_f64, 0_usize); n + 1];
+        for (label, p) in labels.data().iter().zip(probability.data()) {
+            let (sum, count) = &mut sums[*label as usize];
+            (*sum, *count) = (*sum + f64::from(*p), *count + 1);
+        }
+        for contour in &mut found {
+            let (sum, count) = sums[contour.label as usize];
+            let mean = sum / count.max(1) as f64;
+            let score = if self.is_built_in() { small::calibrated(mean, has_depth) } else { mean };
+            contour.score = score as f32;
+        }
+        found
     }
 }

@@ -21,6 +21,8 @@ use super::valleys::join;
 
 /// The rise that a network's fourth map says by a 1: a roof of 40 m seen from 100 m.
 pub const MOST_RISE: f32 = 0.4;
+/// Height that no roof exceeds, metres: the highest at which contours of roofs are tried, too (`consensus.rs`).
+const HIGHEST_M: f64 = 100.0;
 /// How far the map of middles falls between two parts of the watershed, which are joined again where they are one roof.
 const FLOOD_DIP: f32 = 0.003;
 /// Probability of the ground below which a roof that was laid there is not believed.
@@ -39,6 +41,14 @@ pub struct Maps {
     pub rise: Raster<f32>,
     /// Whether two roofs meet.
     pub seam: Raster<f32>,
+}
+
+/// Limits a map of rises to what is possible where feet are `foot_depth_m` away: in an orthophoto, or from far above, roofs are not
+/// displaced, and a network that learned from photos does not know.
+#[must_use]
+pub fn possible_rise(rise: Raster<f32>, foot_depth_m: f64) -> Raster<f32> {
+    let most = (HIGHEST_M / foot_depth_m) as f32 / MOST_RISE;
+    rise.map(|r| r.min(most))
 }
 
 /// Labels of the buildings on the ground, from 1; 0 is none. `how.dip`: how far middles less seams fall along the border of two roofs.
@@ -189,6 +199,24 @@ mod tests {
         maps.seam = map(&|col, _| if (28..30).contains(&col) { 0.6 } else { 0.0 });
         let found = footprints(&maps, NADIR, HOW);
         assert_ne!(found[(12, 20)], found[(27, 20)]);
+    }
+
+    /// The same roofs in an orthophoto, where the ground lies under each: they stay where they are. From 100 m they move as ever.
+    #[test]
+    fn roofs_of_an_orthophoto_are_not_displaced() {
+        let maps = row_houses(&|_, _| 0.8);
+        let from = |foot_depth_m: f64, ground: &Raster<f32>| {
+            let rise = possible_rise(maps.rise.clone(), foot_depth_m);
+            let found = footprints(&Maps { rise, ground: ground.clone(), ..maps.clone() }, NADIR, HOW);
+            (0..SIZE.0).map(|col| u32::from(found[(col, 20)] != 0)).collect::<Vec<u32>>()
+        };
+        let seen = from(70_000.0, &maps.roof);
+        assert!(
+            (0..60).all(|col| (seen[col] != 0) == ((17..28).contains(&col) || (35..47).contains(&col))),
+            "{seen:?}"
+        );
+        let on_ground = from(100.0, &maps.ground);
+        assert!((0..60).all(|col| (on_ground[col] != 0) == (10..30).contains(&col)), "{on_ground:?}");
     }
 
     /// No roof is seen, yet the ground knows a building: it is one.

@@ -31,12 +31,14 @@ struct Inlet {
 pub(super) struct PhotoGeometry {
     relief: Option<Raster<f32>>,
     pub(super) lean: Lean,
+    /// Why there is no depth for a network that takes it.
+    pub(super) without_depth: Option<String>,
 }
 
-/// The input for depth, and its source.
+/// The input for depth, and its source if there is one.
 struct Depth {
     name: String,
-    source: Box<dyn PriorSource + Send + Sync>,
+    source: Option<Box<dyn PriorSource + Send + Sync>>,
 }
 
 /// A segmentation network, ready to run.
@@ -62,7 +64,7 @@ impl std::fmt::Debug for Segmenter {
 }
 
 impl Segmenter {
-    /// Loads the graphs and checks that they fit the profile and each other.
+    /// Loads the graphs and checks that they fit the profile and each other. A network that takes depth sees level ground.
     ///
     /// # Errors
     /// [`FootprintError::Masks`] or [`FootprintError::Network`].
@@ -140,14 +142,9 @@ impl Segmenter {
                         "set [prior], or use a network without depth",
                     )
                 })?;
-                Some(Depth { name, source })
+                Some(Depth { name, source: Some(source) })
             }
-            (Some(name), None) => {
-                return Err(refuse(
-                    format!("{} takes depth ({name:?}), and there is none", model.display()),
-                    "use a network without depth",
-                ));
-            }
+            (Some(name), None) => Some(Depth { name, source: None }),
         };
         let is_geometry =
             |name: &String| lean.as_ref() == Some(name) || depth.as_ref().is_some_and(|d| d.name == *name);
@@ -164,6 +161,13 @@ impl Segmenter {
         let named = |names: &[String]| port(names, network.outputs()).map(|p| p.name.clone());
         let (scores, presence) = (named(&profile.scores), named(&profile.presence));
         Ok(Self { config, profile, network, inlet: own, backbones, depth, lean, masks, scores, presence })
+    }
+
+    /// Returns the same network with another `valley` than its profile's, 0 to 1.
+    #[must_use]
+    pub fn with_valley(mut self, valley: f32) -> Self {
+        self.profile.valley = valley;
+        self
     }
 
     /// Columns and rows that depth and lean have in a tile: the image's, or the graph's own.
@@ -185,20 +189,27 @@ impl Segmenter {
             problem: "its nadir lies beyond the lens model".to_owned(),
             hint: "networks of contours on the ground see photos that look nearly straight down".to_owned(),
         })?;
-        let relief = match &self.depth {
-            None => None,
-            Some(depth) => {
-                let prior = depth.source.load(view).map_err(|e| ViewFault::Network {
-                    problem: format!("its depth cannot be used: {}", without_hint(&e)),
-                    hint: "[prior] sets where it is; photos that look straight down need it".to_owned(),
-                })?;
-                Some(relief(&prior))
-            }
+        let (relief, without_depth) = match &self.depth {
+            None => (None, None),
+            Some(Depth { source: None, .. }) => (None, Some("no depth is given".to_owned())),
+            Some(Depth { source: Some(source), .. }) => match source.load(view) {
+                Ok(prior) => (Some(relief(&prior)), None),
+                // Depth that is not there, or says nothing, is no fault; depth that was given and is damaged is one.
+                Err(e @ (PriorError::Absent { .. } | PriorError::NoInformation { .. } | PriorError::Photo { .. })) => {
+                    (None, Some(without_hint(&e)))
+                }
+                Err(e) => {
+                    return Err(ViewFault::Network {
+                        problem: format!("its depth cannot be used: {}", without_hint(&e)),
+                        hint: "mend it, or remove it: buildings are then found by colours alone".to_owned(),
+                    });
+                }
+            },
         };
-        Ok(PhotoGeometry { relief, lean })
+        Ok(PhotoGeometry { relief, lean, without_depth })
     }
 
-    fn is_built_in(&self) -> bool {
+    pub(super) fn is_built_in(&self) -> bool {
         self.config.model.is_none()
     }
 
@@ -246,8 +257,12 @@ impl Segmenter {
             given.extend(features.iter().cloned().zip(found));
         }
         let side = self.geometry_side();
-        if let (Some(Depth { name, .. }), Some(relief)) = (&self.depth, &geometry.relief) {
-            let values = geometry::resample(relief, photo.size(), tile, side);
+        if let Some(Depth { name, .. }) = &self.depth {
+            let values = match &geometry.relief {
+                Some(relief) => geometry::resample(relief, photo.size(), tile, side),
+                // Level ground, as the network learned from photos without depth.
+                None => vec![0.0; side.0 * side.1],
+            };
             given.push((name.clone(), turned.tensor(Tensor { shape: vec![1, 1, side.1, side.0], values })));
         }
         if let Some(name) = &self.lean {

@@ -15,6 +15,21 @@ pub(super) const LOOKS: usize = 4;
 /// The network's name in messages.
 pub(super) const IN_WORDS: &str = "the built-in network";
 
+/// Offset and slope of the logistic fit in [`calibrated`], without depth and with it. Fitted to 264 and 196 buildings that the network drew
+/// in 24 tiles of four real places, none of which it learned from. Of those with a mean of 0.5 to 0.7, 0.7 to 0.8, 0.8 to 0.9 and above,
+/// 3, 11, 18 and 21 % were hits without depth, and 0, 17, 46 and 55 % with the tiles' relief as depth.
+const CALIBRATION: [[f64; 2]; 2] = [[-7.19, 6.57], [-9.52, 10.5]];
+
+/// Returns the probability that a building of the network is one (intersection over union of a half and more) in a real photo.
+///
+/// ```text
+/// P = 1 / (1 + exp(−(a + b · p)))       p: mean probability of its pixels
+/// ```
+pub(super) fn calibrated(mean: f64, has_depth: bool) -> f64 {
+    let [offset, slope] = CALIBRATION[usize::from(has_depth)];
+    1.0 / (1.0 + (-(offset + slope * mean)).exp())
+}
+
 /// A network that comes with sizeup.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct SmallNetwork {
@@ -38,7 +53,23 @@ pub const SMALL: SmallNetwork = SmallNetwork {
     about: "buildings in near-nadir photos of 0.2 to 0.5 m per pixel, outlined where they meet the ground, from colours and depth",
     licence: "MIT OR Apache-2.0",
     source: "trained by training/configs/longer.toml on training/sets/simulated.toml, suburbs.toml and more.toml (docs/footprint-network.md)",
-    measured: "in photos of unseen simulated towns IoU 78 % by building and 90 % of all pixels: roofs with a step are cut at it, and \
-               real photos are harder (docs/footprint-network.md)",
+    measured: "in photos of unseen simulated towns IoU 78 % by building and 90 % of all pixels; in real photos without depth one of \
+               eight is right, with depth every second (docs/footprint-network.md)",
     bytes: ONNX.len(),
 };
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The network is sure of meadows; one of eight buildings that it draws without depth is one.
+    #[test]
+    fn a_sure_network_is_not_believed_more_often_than_it_is_right() {
+        for (mean, without, with) in [(0.6, 0.04, 0.04), (0.75, 0.09, 0.16), (0.85, 0.17, 0.36), (0.95, 0.28, 0.61)] {
+            let found = [calibrated(mean, false), calibrated(mean, true)];
+            assert!((found[0] - without).abs() < 0.01 && (found[1] - with).abs() < 0.01, "{mean}: {found:?}");
+        }
+        // However sure it is: without depth a building stays unlikely.
+        assert!(calibrated(0.0, true) < 0.01 && calibrated(1.0, false) < 0.4);
+    }
+}
