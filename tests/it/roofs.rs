@@ -22,7 +22,7 @@ fn town(kind: TownKind, level: PriorLevel) -> SimulateConfig {
     let mut config = SimulateConfig { seed: 5, ..SimulateConfig::default() };
     config.town.kind = kind;
     config.town.n_buildings = 24;
-    config.flight.n_views = Some(60);
+    config.flight.n_views = Some(40);
     (config.camera.width_px, config.camera.height_px, config.prior.longest_px) = (448, 336, 448);
     config.prior.level = level;
     config.images.enabled = false;
