@@ -16,7 +16,6 @@ fn village(folder: &Path) {
     (config.flight.n_views, config.flight.height_m) = (Some(40), 120.0);
     (config.camera.width_px, config.camera.height_px) = (480, 360);
     (config.prior.longest_px, config.prior.level) = (320, PriorLevel::Mid);
-    config.masks.enabled = false;
     simulate(&config, folder, &|_, _| {}).unwrap();
     let path = folder.join("sizeup.toml");
     let text = std::fs::read_to_string(&path).unwrap();

@@ -14,7 +14,7 @@ use crate::tiny_scene::{Outcome, sizeup};
 fn town(kind: TownKind, folder: &Path, building_m: f64) {
     let mut config = SimulateConfig { seed: 43, ..SimulateConfig::default() };
     (config.town.kind, config.town.n_buildings) = (kind, 24);
-    config.flight.n_views = Some(36);
+    config.flight.n_views = Some(50);
     (config.images.enabled, config.masks.enabled) = (false, false);
     config.errors = ErrorConfig { vertex_m: 0.1, building_m, ..ErrorConfig::REALISTIC };
     simulate(&config, folder, &|_, _| {}).unwrap();
