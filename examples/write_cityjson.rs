@@ -1,4 +1,4 @@
-//! CityJSON of prisms of your own, checked as `sizeup validate` checks it.
+//! CityJSON of prisms of your own, checked as `sizeup check` checks it.
 //!
 //! `cargo run --release --example write_cityjson`.
 

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Measures the tables of docs/accuracy.md, and writes them there.
+"""Measures the tables of docs/accuracy.md and lab/methods.md, and writes them there.
 
 tools/accuracy.py measure PROGRAM FOLDER [DATA]   every suite below into FOLDER; what is there already is not run again.
                                                   `sizeup-lab` lies beside PROGRAM. DATA: the folder of real data, without which suites that need it are left out
-tools/accuracy.py write FOLDER [DOCUMENT]         the tables between `<!-- NAME -->` and `<!-- /NAME -->` of docs/accuracy.md; those whose
-                                                  suites are not in FOLDER stay as they are
+tools/accuracy.py write FOLDER [DOCUMENT ...]     the tables between `<!-- NAME -->` and `<!-- /NAME -->` of both; those whose suites are
+                                                  not in FOLDER stay as they are
 
 No setting of the program was chosen on these seeds. Rotterdam as a whole and Delft were looked at when the windows of the search were settled; roof forms
 and all since were chosen on the western half of Rotterdam.
@@ -17,6 +17,7 @@ import sys
 LEVELS = ["clean", "mid", "high", "bleed"]
 TOWNS = ["village", "district", "downtown"]
 METHODS = ["robust", "paper", "metric_lift", "regression_l1", "regression_l2"]
+DOCUMENTS = ["docs/accuracy.md", "lab/methods.md"]
 PHOTOS = "photo_px=[800,600]"
 # Errors of poses: metres and degrees.
 POSES = {"exact": (0, 0), "RTK": (0.1, 0.3), "poor RTK": (0.3, 0.5), "GNSS": (0.3, 1.0)}
@@ -145,22 +146,21 @@ def row_alone(kind, poses, path):
     return [kind, error, "yes" if told["was_aligned"] else "no"] + cells(told["all"], len(misleading), told["counts"]["n_unobserved"])
 
 
-def write(folder, document):
-    text = document.read_text()
+def write(folder, documents):
     for name, body in tables(folder):
         start, end = f"<!-- {name} -->", f"<!-- /{name} -->"
-        if start not in text:
-            sys.exit(f"{document} has no {start}")
-        head, rest = text.split(start, 1)
-        text = head + start + "\n" + body + "\n" + end + rest.split(end, 1)[1]
-    document.write_text(text)
+        document = next((document for document in documents if start in document.read_text()), None)
+        if document is None:
+            sys.exit(f"no {start} in {', '.join(map(str, documents))}")
+        head, rest = document.read_text().split(start, 1)
+        document.write_text(head + start + "\n" + body + "\n" + end + rest.split(end, 1)[1])
 
 
 if __name__ == "__main__":
     match sys.argv[1:]:
         case ["measure", program, folder, *data]:
             measure(pathlib.Path(program).absolute(), pathlib.Path(folder), pathlib.Path(data[0]).absolute() if data else None)
-        case ["write", folder, *document]:
-            write(pathlib.Path(folder), pathlib.Path(document[0] if document else "docs/accuracy.md"))
+        case ["write", folder, *documents]:
+            write(pathlib.Path(folder), [pathlib.Path(document) for document in documents or DOCUMENTS])
         case _:
             sys.exit(__doc__)

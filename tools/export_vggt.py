@@ -9,7 +9,7 @@ Wang et al., "VGGT: Visual Geometry Grounded Transformer", CVPR 2025. The networ
   depth_conf   1 × n × H × W       from 1; grows with how sure it is
   pose_enc     1 × n × 9           world to camera: translation in the depth's unit, quaternion x y z w, fields of view
 
-That is what the profile `vggt` takes (`sizeup prior inspect GRAPH`): laid over the photos' poses, those of the network bring the depth to
+That is what the profile `vggt` takes (`sizeup model inspect GRAPH`): laid over the photos' poses, those of the network bring the depth to
 metres. The number of photos and their size are written into the graph.
 
 Weights have their own licences: `VGGT-1B` is for research only, `VGGT-1B-Commercial` may be used commercially within its terms. Neither

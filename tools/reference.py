@@ -10,9 +10,10 @@ import subprocess
 import sys
 from dataclasses import dataclass
 
-COMMANDS = ["init", "run", "footprints", "dtm", "survey inspect", "survey align", "survey convert", "prior inspect", "prior compute"]
+COMMANDS = ["init", "run", "footprints", "survey inspect", "survey align", "survey convert", "survey dtm"]
+COMMANDS += ["model list", "model get", "model check", "model inspect", "model compute"]
 COMMANDS += ["evaluate", "changes"]
-COMMANDS += ["look", "view", "tiles plan", "tiles run", "tiles merge", "tiles status", "validate", "export", "demo", "schema", "completions"]
+COMMANDS += ["texture", "view", "tiles plan", "tiles run", "tiles merge", "tiles status", "check", "export", "demo", "schema", "completions"]
 OF_LAB = ["simulate", "baseline", "benchmark"]
 PROGRAM = sys.argv[1]
 LAB = str(pathlib.Path(PROGRAM).with_name("sizeup-lab"))

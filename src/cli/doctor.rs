@@ -1,8 +1,7 @@
-//! `sizeup doctor`: what this machine has, and what a configuration at hand lacks, with the command that brings it.
+//! `sizeup check`, of the machine and a configuration: what they have and what they lack, with the command that brings it.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use clap::Args;
 use glam::DVec3;
 use serde::Serialize;
 
@@ -36,19 +35,6 @@ const DRIVERS: [(&str, bool); 8] = [
     ("PNG", false),
     ("COG", false),
 ];
-
-/// Arguments of `sizeup doctor`.
-#[derive(Debug, Clone, Args)]
-#[command(after_help = "Examples:
-  sizeup doctor
-  sizeup doctor sizeup.toml     also what this run needs; ends with code 3 where something is missing")]
-pub struct DoctorArgs {
-    /// Configuration of a run, to look for what it needs (default: sizeup.toml in this folder, where there is one).
-    pub config: Option<PathBuf>,
-    /// Set one key of the configuration. May be repeated.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub assignments: Vec<String>,
-}
 
 /// State of something that a run may need.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -95,10 +81,11 @@ impl DoctorFinding {
     }
 }
 
-pub(super) fn run(args: &DoctorArgs, global: &Global) -> Result<u8, Failure> {
-    let is_asked = args.config.is_some() || !args.assignments.is_empty() || Path::new(BY_DEFAULT).is_file();
-    let file = is_asked.then(|| config_file(args.config.as_deref())).transpose()?;
-    let config = file.map(|path| RunConfig::load(&path, &args.assignments));
+/// Checks the machine, and the configuration that is named or in this folder.
+pub(super) fn run(config: Option<&Path>, assignments: &[String], global: &Global) -> Result<u8, Failure> {
+    let is_asked = config.is_some() || !assignments.is_empty() || Path::new(BY_DEFAULT).is_file();
+    let file = is_asked.then(|| config_file(config)).transpose()?;
+    let config = file.map(|path| RunConfig::load(&path, assignments));
     let config = config.transpose().map_err(|e| Failure::new(2, &e))?;
     let mut findings = of_machine(config.as_ref().map(|config| &config.prior));
     findings.extend(config.iter().flat_map(of_config));

@@ -1,4 +1,4 @@
-//! `sizeup dtm`: a terrain model from the photos, for a run that has none.
+//! `sizeup survey dtm`: a terrain model from the photos, for a run that has none.
 
 use std::path::PathBuf;
 
@@ -16,11 +16,11 @@ use sizeup_results::output::picture::{relief_map, write_png};
 /// A standard deviation above this says that one level may serve as well, metres.
 const COARSE_M: f64 = 0.3;
 
-/// Arguments of `sizeup dtm`.
+/// Arguments of `sizeup survey dtm`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Examples:
-  sizeup dtm sizeup.toml --output dtm.tif
-  sizeup dtm sizeup.toml --output dtm.tif --within 40      for hilly ground
+  sizeup survey dtm sizeup.toml --output dtm.tif
+  sizeup survey dtm sizeup.toml --output dtm.tif --within 40      for hilly ground
   sizeup run sizeup.toml --set 'terrain={dtm=\"dtm.tif\"}'
 
 The configuration's [terrain] is what it starts from: constant_m, a rough level, or dtm, a coarse or shifted model that the

@@ -52,5 +52,5 @@ fn write_page(command: &clap::Command, folder: &Path) -> Result<(), Failure> {
     let page = clap_mangen::Man::new(command.clone());
     write_whole(&folder.join(page.get_filename()), |mut file| page.render(&mut file))
         .map_err(|e| Failure::new(4, &e))?;
-    command.get_subcommands().filter(|below| !below.is_hide_set()).try_for_each(|below| write_page(below, folder))
+    command.get_subcommands().filter(|below| below.get_name() != "man").try_for_each(|below| write_page(below, folder))
 }

@@ -5,6 +5,7 @@
 
 mod call;
 mod changes;
+mod check;
 mod demo;
 mod doctor;
 mod dtm;
@@ -99,19 +100,14 @@ pub enum Command {
     Tiles(tiles::TilesCommand),
     /// Find building footprints in the nadir photos' masks: one clean layer, once per building.
     Footprints(footprints::FootprintsArgs),
-    /// Make a terrain model from the photos, for a place that has none.
-    Dtm(dtm::DtmArgs),
-    /// Look a survey's poses over before anything is computed from them, or write them for other tools.
+    /// Check, align and convert poses before anything is computed from them; make a terrain model from the photos.
     #[command(subcommand)]
     Survey(survey::SurveyCommand),
-    /// Depth priors: what a network wants, and computing them ahead of a run.
-    #[command(subcommand)]
-    Prior(prior::PriorCommand),
-    /// Networks that sizeup knows: list them, put one in place, check a file.
+    /// Depth networks: list them, put one in place, inspect a graph; compute depth priors ahead of a run.
     #[command(subcommand)]
     Model(model::ModelCommand),
-    /// Check the solids of a CityJSON file, anybody's: codes as val3dity's, and the place of each fault.
-    Validate(validate::ValidateArgs),
+    /// Check this machine, a configuration, or the solids of a CityJSON file, anybody's.
+    Check(check::CheckArgs),
     /// Write a city in another format: CityJSON, CityJSONSeq, GeoPackage, FlatGeobuf, FlatCityBuf, GeoJSON, 3D Tiles.
     Export(export::ExportArgs),
     /// Compare a result with a reference and print how far off it is.
@@ -120,17 +116,15 @@ pub enum Command {
     Changes(changes::ChangesArgs),
     /// Paint a finished result with its photos: CityJSON with textures, and one glTF file that opens anywhere.
     Texture(texture::TextureArgs),
-    /// Picture one view of a finished run: photo, rendered depth, prior and ordinal pairs.
-    Look(look::LookArgs),
-    /// Show a result in the browser, streaming its tiles: for cities too large for one page.
+    /// Show a result in the browser, streaming its tiles: for cities too large for one page. Or picture one of its photos.
     View(view::ViewArgs),
-    /// Say what this machine has, and what a configuration at hand lacks.
-    Doctor(doctor::DoctorArgs),
     /// Simulate a small town, find its heights, evaluate and picture them.
     Demo(demo::DemoArgs),
     /// Print the JSON Schema of a configuration file.
+    #[command(hide = true)]
     Schema(schema::SchemaArgs),
     /// Print what a shell needs to complete sizeup's commands and options.
+    #[command(hide = true)]
     Completions(manual::CompletionsArgs),
     /// Write manual pages, for packages.
     #[command(hide = true)]
@@ -241,18 +235,14 @@ fn dispatch(cli: &Cli) -> Result<u8, Failure> {
         Command::Run(args) => run::run(args, &cli.global),
         Command::Tiles(command) => tiles::run(command, &cli.global),
         Command::Footprints(args) => footprints::run(args, &cli.global),
-        Command::Dtm(args) => dtm::run(args, &cli.global),
         Command::Survey(command) => survey::run(command, &cli.global),
-        Command::Prior(command) => prior::run(command, &cli.global),
         Command::Model(command) => model::run(command, &cli.global),
-        Command::Validate(args) => validate::run(args, &cli.global),
+        Command::Check(args) => check::run(args, &cli.global),
         Command::Export(args) => export::run(args, &cli.global),
         Command::Evaluate(args) => evaluate::run(args, &cli.global),
         Command::Changes(args) => changes::run(args, &cli.global),
         Command::Texture(args) => texture::run(args, &cli.global),
-        Command::Look(args) => look::run(args, &cli.global),
         Command::View(args) => view::run(args, &cli.global),
-        Command::Doctor(args) => doctor::run(args, &cli.global),
         Command::Demo(args) => demo::run(args, &cli.global),
         Command::Schema(args) => schema::run(args),
         Command::Completions(args) => manual::complete(args),

@@ -1,4 +1,4 @@
-//! `sizeup model`: networks that sizeup knows by name.
+//! `sizeup model`: networks, those that sizeup knows by name and those that people bring.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -6,6 +6,7 @@ use std::process::{Command, Stdio};
 use clap::{Args, Subcommand};
 use serde_json::json;
 
+use super::prior::{ComputeArgs, InspectPriorArgs, run_compute, run_inspect};
 use super::{Failure, Global, Ui, print, print_json};
 use sizeup_footprints::{SMALL, SmallNetwork};
 use sizeup_photos::prior::network::known::{KnownNetwork, known, known_by_name};
@@ -20,6 +21,10 @@ pub enum ModelCommand {
     Get(GetArgs),
     /// Say whether a file is a checkpoint that sizeup knows.
     Check(CheckArgs),
+    /// Say what an ONNX graph wants and gives, and which built-in profile fits it.
+    Inspect(InspectPriorArgs),
+    /// Compute depth priors into the cache ahead of a run.
+    Compute(ComputeArgs),
 }
 
 /// Arguments of `sizeup model get`.
@@ -65,6 +70,8 @@ pub(super) fn run(command: &ModelCommand, global: &Global) -> Result<u8, Failure
         ModelCommand::List => list(global),
         ModelCommand::Get(args) => get(args, global),
         ModelCommand::Check(args) => check(args, global),
+        ModelCommand::Inspect(args) => run_inspect(args, global),
+        ModelCommand::Compute(args) => run_compute(args, global),
     }
 }
 
@@ -185,7 +192,7 @@ fn check(args: &CheckArgs, global: &Global) -> Result<u8, Failure> {
     }
     if args.file.extension().is_some_and(|extension| extension == "onnx") {
         problems
-            .push(format!("hint: of a graph `sizeup prior inspect {}` says which profiles fit", args.file.display()));
+            .push(format!("hint: of a graph `sizeup model inspect {}` says which profiles fit", args.file.display()));
     }
     Err(Failure::from_text(3, problems.join("\n")))
 }

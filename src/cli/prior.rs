@@ -1,8 +1,8 @@
-//! `sizeup prior`: what a depth network wants, and priors ahead of a run.
+//! `sizeup model`: what a depth network wants, and priors ahead of a run.
 
 use std::path::PathBuf;
 
-use clap::{Args, Subcommand, ValueEnum};
+use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::flags::config_file;
@@ -13,19 +13,10 @@ use crate::pipeline::{PriorsDone, RunSettings, Wanted, compute_priors};
 use sizeup_photos::onnx::{EngineChoice, EngineConfig, Port};
 use sizeup_photos::prior::network::{GraphInspection, inspect};
 
-/// Subcommands of `sizeup prior`.
-#[derive(Debug, Clone, Subcommand)]
-pub enum PriorCommand {
-    /// Say what an ONNX graph wants and gives, and which built-in profile fits it.
-    Inspect(InspectPriorArgs),
-    /// Compute depth priors into the cache ahead of a run.
-    Compute(ComputeArgs),
-}
-
-/// Arguments of `sizeup prior inspect`.
+/// Arguments of `sizeup model inspect`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Example:
-  sizeup prior inspect depth_anything_v2_small.onnx")]
+  sizeup model inspect depth_anything_v2_small.onnx")]
 pub struct InspectPriorArgs {
     /// ONNX file of the network.
     pub model: PathBuf,
@@ -48,11 +39,11 @@ pub enum EngineArg {
     Onnxruntime,
 }
 
-/// Arguments of `sizeup prior compute`.
+/// Arguments of `sizeup model compute`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Examples:
-  sizeup prior compute sizeup.toml
-  sizeup prior compute sizeup.toml --all --set prior.cache.limit_gb=200
+  sizeup model compute sizeup.toml
+  sizeup model compute sizeup.toml --all --set prior.cache.limit_gb=200
   sizeup run sizeup.toml                     finds the priors in the cache
 
 Views that are in the cache already are passed over: the same command goes on after an interruption, and several
@@ -68,14 +59,7 @@ pub struct ComputeArgs {
     pub assignments: Vec<String>,
 }
 
-pub(super) fn run(command: &PriorCommand, global: &Global) -> Result<u8, Failure> {
-    match command {
-        PriorCommand::Inspect(args) => run_inspect(args, global),
-        PriorCommand::Compute(args) => run_compute(args, global),
-    }
-}
-
-fn run_inspect(args: &InspectPriorArgs, global: &Global) -> Result<u8, Failure> {
+pub(super) fn run_inspect(args: &InspectPriorArgs, global: &Global) -> Result<u8, Failure> {
     let name = match args.engine {
         EngineArg::Auto => EngineChoice::Auto,
         EngineArg::Rten => EngineChoice::Rten,
@@ -91,7 +75,7 @@ fn run_inspect(args: &InspectPriorArgs, global: &Global) -> Result<u8, Failure> 
     Ok(0)
 }
 
-fn run_compute(args: &ComputeArgs, global: &Global) -> Result<u8, Failure> {
+pub(super) fn run_compute(args: &ComputeArgs, global: &Global) -> Result<u8, Failure> {
     let config =
         RunConfig::load(&config_file(args.config.as_deref())?, &args.assignments).map_err(|e| Failure::new(2, &e))?;
     config.limits.set();

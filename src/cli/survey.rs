@@ -6,6 +6,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use geo::ConvexHull as _;
 use serde::{Deserialize, Serialize};
 
+use super::dtm::{self, DtmArgs};
 use super::flags::{Flag, flag, put, text_of};
 use super::ui::{ALIGNING, PHOTOS};
 use super::{Failure, Global, Ui, print, print_json, print_lines};
@@ -41,6 +42,8 @@ pub enum SurveyCommand {
     Align(AlignArgs),
     /// Write a survey's poses for other tools: COLMAP text, CSV, or GIS layers of cameras, axes, image footprints.
     Convert(ConvertArgs),
+    /// Make a terrain model from the photos, for a place that has none.
+    Dtm(DtmArgs),
     /// List the formats that can be read, by their names in `survey.format`.
     Formats,
 }
@@ -210,6 +213,7 @@ pub(super) fn run(command: &SurveyCommand, global: &Global) -> Result<u8, Failur
         SurveyCommand::Inspect(args) => inspect_all(args, global),
         SurveyCommand::Align(args) => align(args, global),
         SurveyCommand::Convert(args) => convert(args, global),
+        SurveyCommand::Dtm(args) => dtm::run(args, global),
         SurveyCommand::Formats => formats(global),
     }
 }

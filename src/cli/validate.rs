@@ -1,6 +1,6 @@
-//! `sizeup validate`: form and solids of a `CityJSON` file.
+//! `sizeup check` of a city: form and solids of a `CityJSON` file.
 
-use std::path::PathBuf;
+use std::path::Path;
 
 use clap::Args;
 use serde::Serialize;
@@ -19,17 +19,10 @@ const MAX_FAULTS: usize = 200;
 /// The file holds faults.
 const EXIT_INVALID: u8 = 3;
 
-/// Arguments of `sizeup validate`.
+/// How a city is checked.
 #[derive(Debug, Clone, Args)]
-#[command(after_help = "Examples:
-  sizeup validate result/city.city.json
-  sizeup validate rotterdam.city.json --all
-  sizeup validate city.city.jsonl --json
-
-Exit code 0: no fault. 3: faults, or the file cannot be read.")]
-pub struct ValidateArgs {
-    /// CityJSON 1.0, 1.1, 2.0, or CityJSONSeq (.jsonl); or the folder of a result.
-    pub file: PathBuf,
+#[command(next_help_heading = "For a city")]
+pub struct CityArgs {
     /// Check the solids only, not the form: schema, references, indices, semantics (by cjval).
     #[arg(long)]
     pub no_schema: bool,
@@ -44,14 +37,14 @@ pub struct ValidateArgs {
     pub planarity_distance: f64,
 }
 
-pub(super) fn run(args: &ValidateArgs, global: &Global) -> Result<u8, Failure> {
+/// Checks a city: a file, or the folder of a result.
+pub(super) fn run(path: &Path, args: &CityArgs, global: &Global) -> Result<u8, Failure> {
     if !(args.snap_tolerance > 0.0 && args.planarity_distance > 0.0) {
         return Err(Failure::from_text(2, "tolerances are lengths in metres, above 0"));
     }
-    let file = result_file(&args.file, CITYJSON_RESULTS).map_err(|e| Failure::new(3, &e))?;
-    let args = &ValidateArgs { file, ..args.clone() };
-    warn_of_unfinished(&args.file, global);
-    let form = if args.no_schema { None } else { Some(check_form(args)?) };
+    let file = result_file(path, CITYJSON_RESULTS).map_err(|e| Failure::new(3, &e))?;
+    warn_of_unfinished(&file, global);
+    let form = if args.no_schema { None } else { Some(check_form(&file, args)?) };
     let n_printed = if args.all { usize::MAX } else { N_PRINTED };
     if let Some(form) = form.as_ref().filter(|_| !global.json) {
         print(&form_lines(form, n_printed))?;
@@ -61,19 +54,19 @@ pub(super) fn run(args: &ValidateArgs, global: &Global) -> Result<u8, Failure> {
         planarity_distance_m: args.planarity_distance,
         ..ValidateConfig::default()
     };
-    let solids = validate_file(&args.file, &config).map_err(|e| Failure::new(3, &e))?;
+    let solids = validate_file(&file, &config).map_err(|e| Failure::new(3, &e))?;
     let is_valid = solids.is_valid() && form.as_ref().is_none_or(|form| form.errors.is_empty());
     if global.json {
-        print_json(&ValidationOutcome { solids, form, unfinished: told_of(&args.file) })?;
+        print_json(&ValidationOutcome { solids, form, unfinished: told_of(&file) })?;
     } else {
         print(&solid_lines(&solids, n_printed))?;
     }
     Ok(if is_valid { 0 } else { EXIT_INVALID })
 }
 
-fn check_form(args: &ValidateArgs) -> Result<SchemaCheck, Failure> {
+fn check_form(file: &Path, args: &CityArgs) -> Result<SchemaCheck, Failure> {
     let max_faults = if args.all { usize::MAX } else { MAX_FAULTS };
-    schema::check_until(&args.file, max_faults).map_err(|e| Failure::new(3, &e))
+    schema::check_until(file, max_faults).map_err(|e| Failure::new(3, &e))
 }
 
 /// Both checks as JSON.

@@ -110,7 +110,7 @@ fn a_vertex_index_that_is_none_ends_validation_with_3_and_its_place() {
         let text = cube(RD, |_| {}).to_string().replacen("[[4,5,6,7]]", &format!("[[4,5,{index},7]]"), 1);
         assert!(text.contains(index));
         let path = write(folder.path(), &text);
-        for args in [&["validate"][..], &["validate", "--no-schema"]] {
+        for args in [&["check"][..], &["check", "--no-schema"]] {
             let outcome = run(args, &path, &[]);
             assert_eq!(outcome.code, 3, "{index}: {}{}", outcome.stdout, outcome.stderr);
             let has_place = outcome.stderr.contains("boundaries/0/1/0/2") || outcome.stderr.contains("line 1 column");
@@ -127,7 +127,7 @@ fn the_folder_of_a_result_stands_for_its_file() {
     let out = folder.path().join("o.geojson");
     let result = folder.path().join("result");
     fs::create_dir(&result).unwrap();
-    for (command, more) in [("export", vec![out.as_path()]), ("evaluate", vec![out.as_path()]), ("validate", vec![])] {
+    for (command, more) in [("export", vec![out.as_path()]), ("evaluate", vec![out.as_path()]), ("check", vec![])] {
         let outcome = run(&[command], &result, &more);
         assert_eq!(outcome.code, 3, "{command}: {}", outcome.stderr);
         assert!(
@@ -142,6 +142,6 @@ fn the_folder_of_a_result_stands_for_its_file() {
     let compared = run(&["evaluate", "--json"], &result, &[&result]);
     assert_eq!(compared.code, 0, "{}", compared.stderr);
     assert_eq!(compared.stdout, run(&["evaluate", "--json"], &file, &[&file]).stdout);
-    let validated = run(&["validate"], &result, &[]);
-    assert_eq!((validated.code, &validated.stdout), (0, &run(&["validate"], &file, &[]).stdout));
+    let validated = run(&["check"], &result, &[]);
+    assert_eq!((validated.code, &validated.stdout), (0, &run(&["check"], &file, &[]).stdout));
 }

@@ -17,9 +17,14 @@ fn outcome(args: &[&str]) -> Outcome {
 fn help_of_every_subcommand_reads_well() {
     let overview = outcome(&["--help"]);
     assert_eq!((overview.code, &*overview.stderr), (0, ""));
-    let commands = ["init", "run", "footprints", "evaluate", "changes", "look", "demo", "schema"];
+    let commands = ["init", "run", "footprints", "evaluate", "changes", "check", "view", "demo", "schema"];
     for command in commands {
-        assert!(overview.stdout.lines().any(|line| line.trim_start().starts_with(command)), "{}", overview.stdout);
+        // What only programs and shells ask for is not in the way of people.
+        assert!(
+            command == "schema" || overview.stdout.lines().any(|line| line.trim_start().starts_with(command)),
+            "{}",
+            overview.stdout
+        );
         let help = outcome(&[command, "--help"]);
         assert_eq!((help.code, &*help.stderr), (0, ""));
         assert!(help.stdout.contains(&format!("Usage: sizeup {command}")), "{}", help.stdout);
@@ -79,26 +84,28 @@ fn commands_take_the_configuration_that_lies_beside_them() {
     let ran = scene.sizeup(&["run"]);
     assert!([0, 5].contains(&ran.code), "{}", ran.stderr);
     let view = scene.stems().into_iter().find(|stem| stem.contains("oblique")).unwrap();
-    let looked = scene.sizeup(&["look", &view, "--output", "panel.png"]);
+    let looked = scene.sizeup(&["view", "--photo", &view, "--output", "panel.png"]);
     assert!(looked.code == 0 && scene.path("panel.png").exists(), "{}", looked.stderr);
-    let named = scene.sizeup(&["look", "sizeup.toml", &view, "--output", "again.png"]);
+    let named = scene.sizeup(&["view", "sizeup.toml", "--photo", &view, "--output", "again.png"]);
     assert!(named.code == 0 && scene.path("again.png").exists(), "{}", named.stderr);
-    let doctor = scene.sizeup(&["doctor"]);
-    assert!(doctor.stdout.contains("footprints.gpkg"), "it looks at the configuration too: {}", doctor.stdout);
+    let of_result = scene.sizeup(&["view", "result", "--photo", &view, "--output", "third.png"]);
+    assert!(of_result.code == 0 && scene.path("third.png").exists(), "{}", of_result.stderr);
+    assert_eq!(fs::read(scene.path("panel.png")).unwrap(), fs::read(scene.path("third.png")).unwrap());
+    let checked = scene.sizeup(&["check"]);
+    assert!(checked.stdout.contains("footprints.gpkg"), "it looks at the configuration too: {}", checked.stdout);
 
     let elsewhere = tempfile::tempdir().unwrap();
     let bare =
         |args: &[&str]| -> Outcome { sizeup().current_dir(elsewhere.path()).args(args).output().unwrap().into() };
-    for args in
-        [&["run"][..], &["run", "--tiled"], &["look", "a", "--output", "a.png"], &["footprints"], &["tiles", "plan"]]
-    {
+    let photo = ["view", "--photo", "a", "--output", "a.png"];
+    for args in [&["run"][..], &["run", "--tiled"], &photo, &["footprints"], &["tiles", "plan"]] {
         let told = bare(args);
         assert_eq!((told.code, &*told.stdout), (2, ""));
         for word in ["there is no sizeup.toml in this folder", "hint: `sizeup init FOLDER`"] {
             assert!(told.stderr.contains(word), "{args:?}: {}", told.stderr);
         }
     }
-    assert_eq!(bare(&["doctor"]).code, 0, "the machine needs no configuration");
+    assert_eq!(bare(&["check"]).code, 0, "the machine needs no configuration");
 }
 
 #[test]

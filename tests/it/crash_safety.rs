@@ -230,10 +230,10 @@ fn a_run_that_is_killed_before_it_replaces_anything_is_seen_beside_the_older_res
     assert!(kill_when(&scene, &again, is_solving), "it was killed while it solved");
     assert!(mark.exists() && read("result/city.gpkg") == city);
 
-    let told = scene.sizeup(&["validate", "result/city.city.json"]);
+    let told = scene.sizeup(&["check", "result/city.city.json"]);
     let expected = "warning: result/city.city.json is not finished: a run was started and has not come to its end";
     assert!(told.code == 0 && told.stderr.contains(expected), "{}", told.stderr);
-    let told = scene.sizeup(&["validate", "result/city.city.json", "--json", "--quiet"]);
+    let told = scene.sizeup(&["check", "result/city.city.json", "--json", "--quiet"]);
     let told: serde_json::Value = serde_json::from_str(&told.stdout).unwrap();
     assert!(told["unfinished"].as_str().unwrap().contains("of an earlier one"), "{told}");
     // A run of which it is known why it failed leaves what it found.
@@ -242,7 +242,7 @@ fn a_run_that_is_killed_before_it_replaces_anything_is_seen_beside_the_older_res
     assert!(kill_when(&scene, &again, || mark.exists()));
     assert!([0, 5].contains(&scene.run(&["--set", "seed=7"]).code));
     assert!(!mark.exists());
-    let told = scene.sizeup(&["validate", "result/city.city.json", "--json"]);
+    let told = scene.sizeup(&["check", "result/city.city.json", "--json"]);
     assert!(!told.stdout.contains("unfinished") && !told.stderr.contains("warning"), "{}", told.stderr);
 }
 

@@ -92,9 +92,9 @@ fn a_result_runs_again_from_its_own_configuration_where_it_was_moved_to() {
     let look = |config: &str| {
         let mut command = sizeup();
         command
-            .args(["look", "--quiet"])
+            .args(["view", "--quiet"])
             .arg(moved.join(config))
-            .args(["oblique", "--output"])
+            .args(["--photo", "oblique", "--output"])
             .arg(moved.join("panel.png"));
         command.assert().success();
     };

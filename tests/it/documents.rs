@@ -40,10 +40,10 @@ fn pages(folder: &str) -> Vec<Document> {
     names.iter().map(|name| read(name)).collect()
 }
 
-/// The README and all of `docs`.
+/// The README and all of `docs`, and the page of the laboratory; its notes hold for the programs of their days.
 fn documents() -> Vec<Document> {
-    let mut documents = vec![read("README.md")];
-    documents.extend(pages("docs"));
+    let mut documents = vec![read("README.md"), read("lab/README.md")];
+    documents.extend(["docs", "docs/how-to"].into_iter().flat_map(pages));
     documents
 }
 
@@ -330,7 +330,7 @@ fn every_format_of_an_export_is_told_of_and_offered_in_qgis() {
     let command = Cli::command();
     let to = command.find_subcommand("export").unwrap().get_arguments().find(|argument| argument.get_id() == "to");
     let formats = to.unwrap().get_possible_values();
-    let (how_to, plugin) = (read("docs/how-to.md"), read("qgis/sizeup/algorithms/export.py"));
+    let (how_to, plugin) = (read("docs/how-to/export.md"), read("qgis/sizeup/algorithms/export.py"));
     let commands: Vec<&str> = how_to.text.lines().filter(|line| line.contains("`sizeup export ")).collect();
     for format in &formats {
         let quoted = format!("\"{}\"", format.get_name());
@@ -344,7 +344,10 @@ fn every_format_of_an_export_is_told_of_and_offered_in_qgis() {
             Some((_, extension)) => format!(".{extension}`"),
             None => format!("--to {}", format.get_name()),
         };
-        assert!(commands.iter().any(|line| line.contains(&asks)), "docs/how-to.md has no `sizeup export` with {asks}");
+        assert!(
+            commands.iter().any(|line| line.contains(&asks)),
+            "docs/how-to/export.md has no `sizeup export` with {asks}"
+        );
     }
     assert!(formats.len() >= 6, "{} formats", formats.len());
 }
@@ -361,7 +364,7 @@ fn the_reference_is_what_the_program_says_of_itself() {
 
 /// Whether all that a command reads is in the scene, and it comes to an end by itself.
 fn can_run(scene: &Scene, words: &[String]) -> bool {
-    const ENDS: [&str; 8] = ["survey", "run", "evaluate", "validate", "export", "footprints", "doctor", "look"];
+    const ENDS: [&str; 6] = ["survey", "run", "evaluate", "check", "export", "footprints"];
     let is_output = |i: usize| ["--output", "--picture", "-o"].contains(&words[i - 1].as_str());
     let is_file = |word: &str| {
         let endings = [".toml", ".gpkg", ".geojson", ".json", ".jsonl", ".tif", ".laz", ".obj", ".xml", ".txt"];

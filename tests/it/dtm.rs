@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::sync::LazyLock;
 
 use geo::Centroid as _;
 use sizeup::crs::Crs;
@@ -11,13 +12,20 @@ use sizeup::simulate::{SimulateConfig, simulate};
 use sizeup::stats::{median, quantile};
 use sizeup::survey::{self, Survey, SurveyConfig};
 use sizeup::terrain::{MapBox, Terrain, TerrainConfig, load};
+use tempfile::TempDir;
 
 use crate::shared_data::shared_data;
 
 const BASE_Z_M: f64 = 24.0;
 
 /// A few buildings among hills, and photos of them.
-fn scene(folder: &Path) -> Survey {
+static SCENE: LazyLock<(TempDir, Survey)> = LazyLock::new(|| {
+    let folder = tempfile::tempdir().unwrap();
+    let survey = simulated(folder.path());
+    (folder, survey)
+});
+
+fn simulated(folder: &Path) -> Survey {
     let mut config = SimulateConfig::default();
     config.town.n_buildings = 9;
     config.flight.n_views = Some(40);
@@ -40,8 +48,7 @@ fn crs() -> Crs {
 
 #[test]
 fn photos_alone_give_the_ground_to_a_decimetre() {
-    let folder = tempfile::tempdir().unwrap();
-    let survey = scene(folder.path());
+    let (folder, survey) = &*SCENE;
     let layer = FootprintConfig::new(folder.path().join("footprints.gpkg"));
     let layer = read(&layer, &crs()).unwrap();
     let footprints: Vec<_> = layer.footprints.iter().map(|f| &f.polygon).collect();
@@ -68,8 +75,7 @@ fn photos_alone_give_the_ground_to_a_decimetre() {
 
 #[test]
 fn a_level_far_from_the_ground_is_refused_with_the_range_that_was_tried() {
-    let folder = tempfile::tempdir().unwrap();
-    let survey = scene(folder.path());
+    let (_, survey) = &*SCENE;
     let refused = estimate(&survey.views, &[], &Terrain::Constant(BASE_Z_M - 200.0), &DtmConfig::default(), &|_, _| {})
         .unwrap_err();
     assert!(matches!(refused, DtmError::TooLittle { .. }), "{refused}");

@@ -167,8 +167,9 @@ fn a_result_is_perfect_against_itself_by_every_measure_and_pictured() {
     }
     assert_eq!(own["volume"]["voxel_iou"], json!({ "0.5": 1.0, "1": 1.0 }));
     assert!(fs::metadata(pictures.join("errors.png")).unwrap().len() > 1000);
-    let look =
-        |more: &[&str]| scene.sizeup(&[&["look", "sizeup.toml", "oblique", "--output", "panel.png"], more].concat());
+    let look = |more: &[&str]| {
+        scene.sizeup(&[&["view", "sizeup.toml", "--photo", "oblique", "--output", "panel.png"], more].concat())
+    };
     let last = look(&[]);
     assert_eq!(last.code, 0, "{}", last.stderr);
     let of_last = fs::read(scene.path("panel.png")).unwrap();

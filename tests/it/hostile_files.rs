@@ -459,14 +459,14 @@ fn a_vertex_that_lies_nowhere_is_named() {
     let path = folder.path().join("a.city.json");
     for far in ["1e308", "-1e308", "1e300"] {
         fs::write(&path, city(serde_json::from_str(far).unwrap()).to_string()).unwrap();
-        let outcome: Outcome = sizeup().args(["validate", "--no-schema"]).arg(&path).output().unwrap().into();
+        let outcome: Outcome = sizeup().args(["check", "--no-schema"]).arg(&path).output().unwrap().into();
         assert_eq!(outcome.code, 3, "{}", outcome.stderr);
         assert!(outcome.stderr.contains("vertex 2") && !outcome.stderr.contains("panicked"), "{}", outcome.stderr);
     }
     // A tolerance so small that cells end where whole numbers do.
     fs::write(&path, city(json!(1000)).to_string()).unwrap();
     let outcome: Outcome =
-        sizeup().args(["validate", "--no-schema", "--snap-tolerance", "1e-300"]).arg(&path).output().unwrap().into();
+        sizeup().args(["check", "--no-schema", "--snap-tolerance", "1e-300"]).arg(&path).output().unwrap().into();
     assert!(!outcome.stderr.contains("panicked"), "{}", outcome.stderr);
 }
 
@@ -614,8 +614,8 @@ fn a_reader_that_has_gone_is_no_failure() {
     assert!([0, 5].contains(&scene.run(&[]).code));
     let city = "result/city.city.json";
     let commands: [&[&str]; 12] = [
-        &["validate", city, "--all"],
-        &["validate", city, "--json"],
+        &["check", city, "--all"],
+        &["check", city, "--json"],
         &["survey", "inspect", "--config", "sizeup.toml"],
         &["survey", "inspect", "--config", "sizeup.toml", "--json"],
         &["survey", "convert", "sparse", "--crs", "EPSG:25832", "--output", "poses.csv"],

@@ -24,7 +24,7 @@ fn stage<T: serde::de::DeserializeOwned>(config: &RunConfig, name: &str) -> T {
 fn scene(folder: &Path) -> RunConfig {
     let mut config = SimulateConfig { seed: 14, ..SimulateConfig::default() };
     (config.town.kind, config.town.n_buildings) = (TownKind::Downtown, 12);
-    config.flight.n_views = Some(32);
+    config.flight.n_views = Some(24);
     (config.camera.width_px, config.camera.height_px, config.prior.longest_px) = (448, 336, 320);
     config.prior.level = PriorLevel::Bleed;
     simulate(&config, folder, &|_, _| {}).unwrap();

@@ -569,18 +569,18 @@ fn photos_that_are_missing_are_failed_items() {
 #[test]
 fn the_doctor_names_what_a_configuration_lacks() {
     let scene = Scene::new();
-    let sound = scene.sizeup(&["doctor", "sizeup.toml"]);
+    let sound = scene.sizeup(&["check", "sizeup.toml"]);
     assert_eq!(sound.code, 0, "{}{}", sound.stdout, sound.stderr);
     for word in ["GDAL's GPKG: there", "memory: ", "survey.path: ", "prior.path: "] {
         assert!(sound.stdout.contains(word), "{word:?} is missing in: {}", sound.stdout);
     }
     fs::remove_file(scene.path("dtm.tif")).unwrap();
-    let lacking = scene.sizeup(&["doctor", "sizeup.toml"]);
+    let lacking = scene.sizeup(&["check", "sizeup.toml"]);
     assert_eq!(lacking.code, 3, "{}", lacking.stdout);
     let line = lacking.stdout.lines().find(|line| line.starts_with("MISSING")).unwrap();
     assert!(line.contains("terrain.dtm") && line.contains("does not exist"), "{line}");
     let json: serde_json::Value =
-        serde_json::from_str(&scene.sizeup(&["doctor", "sizeup.toml", "--json"]).stdout).unwrap();
+        serde_json::from_str(&scene.sizeup(&["check", "sizeup.toml", "--json"]).stdout).unwrap();
     let states: Vec<&str> = json.as_array().unwrap().iter().filter_map(|f| f["state"].as_str()).collect();
     assert_eq!(states.iter().filter(|state| **state == "missing").count(), 1, "{json}");
 }
@@ -604,7 +604,7 @@ fn the_doctor_lists_projs_grids_and_names_the_one_that_a_configuration_lacks_wit
             .env("PROJ_DATA", folder)
             .env("PROJ_LIB", folder)
             .env("PROJ_USER_WRITABLE_DIRECTORY", folder);
-        let output = command.args([&["doctor", "sizeup.toml", "--json"], more].concat()).output().unwrap();
+        let output = command.args([&["check", "sizeup.toml", "--json"], more].concat()).output().unwrap();
         (output.status.code(), serde_json::from_slice(&output.stdout).unwrap())
     };
     let of = |found: &[serde_json::Value], what: &str| -> [String; 3] {
@@ -645,7 +645,7 @@ fn the_doctor_names_networks_masks_and_a_folder_that_nobody_can_write() {
     let scene = Scene::new();
     let of = |more: &[&str]| {
         let networks = scene.path("networks").to_string_lossy().into_owned();
-        let args = [&["doctor", "sizeup.toml", "--json"], more].concat();
+        let args = [&["check", "sizeup.toml", "--json"], more].concat();
         let output = crate::tiny_scene::sizeup()
             .current_dir(scene.path(""))
             .env("SIZEUP_MODELS", networks)

@@ -198,8 +198,8 @@ fn networks_whose_graph_one_brings_are_listed_with_their_licences_and_a_graph_is
     let output = sizeup(models.path()).args(["model", "check"]).arg(&graph).output().unwrap();
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(3), "{message}");
-    assert!(message.contains("`sizeup prior inspect"), "{message}");
-    let output = sizeup(models.path()).args(["prior", "inspect"]).arg(&graph).output().unwrap();
+    assert!(message.contains("`sizeup model inspect"), "{message}");
+    let output = sizeup(models.path()).args(["model", "inspect"]).arg(&graph).output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(
         text.contains("fits    vggt") && text.contains("no fit  itermvs: expected an input named depth_range"),
@@ -239,7 +239,7 @@ fn a_network_is_fetched_checked_and_found_by_its_name() {
     let output = sizeup(&models).args(["model", "list", "--json"]).output().unwrap();
     let listed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(listed[0]["in_place"], models.join("itermvs.onnx").to_str().unwrap());
-    let output = sizeup(&models).args(["prior", "inspect"]).arg(models.join("itermvs.onnx")).output().unwrap();
+    let output = sizeup(&models).args(["model", "inspect"]).arg(models.join("itermvs.onnx")).output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(text.contains("fits    itermvs") && text.contains("itermvs.onnx_data"), "{text}");
 }

@@ -249,7 +249,7 @@ fn photos_in_one_inference_get_what_single_ones_get() {
         let (one, other) = (one.as_ref().unwrap(), other.as_ref().unwrap());
         assert_eq!((one.values.width(), one.values.height()), (other.values.width(), other.values.height()));
         for (a, b) in one.values.data().iter().zip(other.values.data()) {
-            // The tolerance of docs/how-to.md.
+            // The tolerance of docs/how-to/depth-maps.md.
             assert!((a.is_nan() && b.is_nan()) || (a - b).abs() <= 1e-5 * a, "view {i}: {a} {b}");
         }
     }

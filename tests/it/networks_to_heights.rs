@@ -120,7 +120,7 @@ fn entries(folder: &Path) -> Vec<PathBuf> {
 }
 
 fn compute(folder: &Path) -> Value {
-    let outcome = sizeup_in(folder, &["prior", "compute", "sizeup.toml", "--json", "-q"]);
+    let outcome = sizeup_in(folder, &["model", "compute", "sizeup.toml", "--json", "-q"]);
     serde_json::from_str(&outcome.stdout).unwrap_or_else(|e| panic!("{e}: {}", outcome.stderr))
 }
 
@@ -204,7 +204,7 @@ fn a_process_killed_while_it_writes_a_prior_leaves_a_cache_that_the_next_one_com
     // An entry has 339 kB: the system kills the process in the middle of its first one.
     let killed = Command::new("bash")
         .args(["-c", "ulimit -f 250; exec \"$@\"", "bash", env!("CARGO_BIN_EXE_sizeup")])
-        .args(["prior", "compute", "sizeup.toml", "-q"])
+        .args(["model", "compute", "sizeup.toml", "-q"])
         .current_dir(scene.path())
         .stderr(Stdio::null())
         .status()
@@ -250,7 +250,7 @@ fn a_photo_of_45_megapixels_is_read_three_times_and_never_decoded_whole() {
         // All stages before it, so that what is watched is little more than the photo.
         sizeup_in(folder, &["run", "sizeup.toml", "-q", "--until", "footprints"]);
         let child = Command::new(env!("CARGO_BIN_EXE_sizeup"))
-            .args(["prior", "compute", "sizeup.toml", "--all", "-q"])
+            .args(["model", "compute", "sizeup.toml", "--all", "-q"])
             .current_dir(folder)
             .stderr(Stdio::null())
             .spawn()
@@ -291,7 +291,7 @@ fn two_processes_share_the_work() {
     let scene = copy_of_scene();
     let start = || {
         Command::new(env!("CARGO_BIN_EXE_sizeup"))
-            .args(["prior", "compute", "sizeup.toml", "--all", "-q"])
+            .args(["model", "compute", "sizeup.toml", "--all", "-q"])
             .current_dir(scene.path())
             .spawn()
             .unwrap()

@@ -29,10 +29,10 @@ fn bash_completes_a_command_with_the_script() {
     let script = folder.path().join("sizeup");
     fs::write(&script, outcome(&["completions", "bash"]).stdout).unwrap();
     let ask = format!(
-        "source {}; COMP_WORDS=(sizeup val) COMP_CWORD=1; _sizeup sizeup val sizeup; echo \"${{COMPREPLY[@]}}\"",
+        "source {}; COMP_WORDS=(sizeup eval) COMP_CWORD=1; _sizeup sizeup eval sizeup; echo \"${{COMPREPLY[@]}}\"",
         script.display()
     );
-    assert_eq!(tools::run(Command::new(bash).args(["--norc", "-c", &ask])).trim(), "validate");
+    assert_eq!(tools::run(Command::new(bash).args(["--norc", "-c", &ask])).trim(), "evaluate");
 }
 
 #[test]

@@ -11,18 +11,14 @@ use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind, simulate};
 
 /// A village of pitched roofs, seen from all sides, with one level of prior errors.
 fn village(folder: &Path, level: PriorLevel) {
-    simulated(folder, TownKind::Village, level);
-}
-
-fn simulated(folder: &Path, kind: TownKind, level: PriorLevel) {
-    simulate(&town(kind, level), folder, &|_, _| {}).unwrap();
+    simulate(&town(TownKind::Village, level), folder, &|_, _| {}).unwrap();
 }
 
 fn town(kind: TownKind, level: PriorLevel) -> SimulateConfig {
     let mut config = SimulateConfig { seed: 5, ..SimulateConfig::default() };
     config.town.kind = kind;
     config.town.n_buildings = 24;
-    config.flight.n_views = Some(60);
+    config.flight.n_views = Some(40);
     (config.camera.width_px, config.camera.height_px, config.prior.longest_px) = (448, 336, 448);
     config.prior.level = level;
     config.images.enabled = false;
@@ -134,7 +130,10 @@ fn edges_that_spill_over_are_measured_and_taken_back() {
 fn a_step_in_a_roof_is_seen_and_its_mean_height_stated() {
     const ONE_LEVEL: [RoofForm; 2] = [RoofForm::Gable, RoofForm::Hip];
     let folder = tempfile::tempdir().unwrap();
-    simulated(folder.path(), TownKind::Downtown, PriorLevel::Mid);
+    // Few of its roofs are stepped: from fewer photos their errors are too rough a measure.
+    let mut config = town(TownKind::Downtown, PriorLevel::Mid);
+    config.flight.n_views = Some(60);
+    simulate(&config, folder.path(), &|_, _| {}).unwrap();
     let both = |more: &[&str]| (run(folder.path(), more).0, run_with_forms(folder.path(), more, &ONE_LEVEL).0);
     let (with, without) = both(&[]);
     // Those whose footprint was left whole.

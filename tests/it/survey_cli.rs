@@ -240,11 +240,11 @@ fn a_box_without_a_roof_is_302_with_its_place_and_exit_3() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("open.city.json");
     fs::write(&path, open_box().to_string()).unwrap();
-    let outcome = sizeup(&["validate", path.to_str().unwrap()]);
+    let outcome = sizeup(&["check", path.to_str().unwrap()]);
     assert_eq!(outcome.status.code(), Some(3));
     let stdout = text(&outcome.stdout);
     assert!(stdout.contains("302 SHELL_NOT_CLOSED: a (LOD 1.2)") && stdout.contains("at 56600"), "{stdout}");
-    let outcome = sizeup(&["validate", path.to_str().unwrap(), "--json"]);
+    let outcome = sizeup(&["check", path.to_str().unwrap(), "--json"]);
     let json: Value = serde_json::from_slice(&outcome.stdout).unwrap();
     assert_eq!(json["n_valid"], json!(0));
 }
@@ -264,7 +264,7 @@ fn exports_go_round_through_all_formats() {
         let summary: Value = serde_json::from_slice(&outcome.stdout).unwrap();
         assert_eq!((&summary["n_buildings"], &summary["n_heights"]), (&json!(1), &json!(1)));
     }
-    let valid = sizeup(&["validate", &names[3]]);
+    let valid = sizeup(&["check", &names[3]]);
     assert_eq!(valid.status.code(), Some(0), "{}", text(&valid.stdout));
     let back =
         sizeup::output::read::FoundBuildings::read(Path::new(&names[3]), &sizeup::output::read::ReadOptions::default())
@@ -278,12 +278,12 @@ fn exports_go_round_through_all_formats() {
 #[test]
 fn a_network_is_described_without_running_it() {
     let model = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/onnx/depth_of_brightness.onnx");
-    let outcome = sizeup(&["prior", "inspect", model]);
+    let outcome = sizeup(&["model", "inspect", model]);
     assert_eq!(outcome.status.code(), Some(0), "{}", text(&outcome.stderr));
     let told = text(&outcome.stdout);
     assert!(told.contains("\ninput   image ? × 3 × ? × ?\n") && told.contains("fits    da3-mono"), "{told}");
     let cubic = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/onnx/cubic_resize.onnx");
-    assert_eq!(sizeup(&["prior", "inspect", "--engine", "rten", cubic]).status.code(), Some(3));
+    assert_eq!(sizeup(&["model", "inspect", "--engine", "rten", cubic]).status.code(), Some(3));
 }
 
 /// A calibrated project as the OPF specification 1.0 lays it out.

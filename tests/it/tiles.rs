@@ -257,8 +257,8 @@ fn photos_of_all_kinds_refine_roofs_in_tiles_as_in_one_piece_and_a_poisoned_one_
     let folder = tempfile::tempdir().unwrap();
     let mut config = SimulateConfig::default();
     config.town.n_buildings = N_BUILDINGS;
-    config.flight.n_views = Some(24);
-    (config.camera.width_px, config.camera.height_px) = (800, 600);
+    config.flight.n_views = Some(16);
+    (config.camera.width_px, config.camera.height_px) = (640, 480);
     config.prior.longest_px = 160;
     config.masks.enabled = false;
     simulate(&config, folder.path(), &|_, _| {}).unwrap();

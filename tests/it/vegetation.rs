@@ -9,9 +9,9 @@ use crate::tiny_scene::{Outcome, sizeup};
 
 fn village(folder: &Path) {
     let mut config = SimulateConfig { seed: 43, ..SimulateConfig::default() };
-    (config.town.kind, config.town.n_buildings) = (TownKind::Village, 20);
+    (config.town.kind, config.town.n_buildings) = (TownKind::Village, 14);
     (config.town.trees_per_building, config.town.trees_at_walls) = (2.0, 1.0);
-    config.flight.n_views = Some(24);
+    config.flight.n_views = Some(20);
     (config.camera.width_px, config.camera.height_px) = (600, 450);
     config.masks.enabled = false;
     simulate(&config, folder, &|_, _| {}).unwrap();

@@ -45,6 +45,12 @@ from qgis.PyQt.QtWidgets import QMainWindow
 
 SCENE, PROGRAM, PICTURES = Path(), "", Path()
 CRS = "EPSG:25832"
+# Settings of a run whose heights and pages do not matter.
+QUICK = (
+    "optimise.working_px=160\nsurvey.accept_unsound=true\nrefinement.enabled=false\noutput.pictures=false\n"
+    "output.report.page=false"
+)
+WHOLE = "optimise.working_px=160\nsurvey.accept_unsound=true"
 
 
 class Told(QgsProcessingFeedback):
@@ -103,8 +109,7 @@ def heights(output, **more):
         "FOOTPRINTS": footprints(), "FOOTPRINTS_ID": "id", "SURVEY_FOLDER": str(SCENE / "sparse"),
         "IMAGES": str(SCENE / "images"), "CRS": QgsCoordinateReferenceSystem(CRS), "OFFSET": offset(),
         "DTM": str(SCENE / "dtm.tif"), "PRIOR_SOURCE": 2, "PRIOR_FILES": str(SCENE / "priors" / "{stem}.npy"),
-        "PRIOR_KIND": 1, "MORE": "optimise.working_px=160\nsurvey.accept_unsound=true\n# a comment", "OUTPUT": str(output),
-        **more,
+        "PRIOR_KIND": 1, "MORE": f"{QUICK}\n# a comment", "OUTPUT": str(output), **more,
     }
 
 
@@ -405,10 +410,7 @@ class Algorithms(Case):
     def test_a_folder_of_photos_becomes_a_city_whatever_program_it_is_of(self):
         # The depth of the scene stands in for minutes of matching.
         priors = SCENE / "priors" / "{stem}.npy"
-        quick = (
-            f"prior.source=files\nprior.path='{priors}'\nprior.kind=inverse_depth\noptimise.working_px=160\n"
-            "refinement.enabled=false\noutput.pictures=false\noutput.report.page=false\nsurvey.accept_unsound=true"
-        )
+        quick = f"prior.source=files\nprior.path='{priors}'\nprior.kind=inverse_depth\n{QUICK}"
         for folder in [*self.exports(), SCENE]:
             with self.subTest(folder=folder.name):
                 QgsProject.instance().clear()
@@ -459,10 +461,7 @@ class Algorithms(Case):
         inspected = run("inspectsurvey", {"SETTINGS": settings, "OUTPUT": str(self.folder / "survey"), "LOAD": False})
         self.assertIn("oblique", inspected["REPORT_TEXT"])
         priors = SCENE / "priors" / "{stem}.npy"
-        quick = (
-            f"prior.source=files\nprior.path='{priors}'\nprior.kind=inverse_depth\noptimise.working_px=160\n"
-            "refinement.enabled=false\noutput.pictures=false\noutput.report.page=false\nsurvey.accept_unsound=true"
-        )
+        quick = f"prior.source=files\nprior.path='{priors}'\nprior.kind=inverse_depth\n{QUICK}"
         city = run("heights", {"SETTINGS": settings, "MORE": quick, "OUTPUT": str(output)})
         self.assertTrue(Path(city["CITYJSON"]).is_file())
 
@@ -485,7 +484,7 @@ class Algorithms(Case):
     def test_heights_are_found_loaded_styled_and_reviewed(self):
         output = self.folder / "Stadt ü"
         told = Told()
-        answer = run("heights", heights(output), told)
+        answer = run("heights", heights(output, MORE=WHOLE), told)
         self.assertTrue(all(Path(answer[name]).is_file() for name in ("GEOPACKAGE", "CITYJSON", "REPORT")))
         for line in ("Finding heights", "Depth of the photos", "Writing the results"):
             self.assertIn(line, told.lines)
@@ -540,7 +539,7 @@ class Algorithms(Case):
         self.assertEqual(len(QgsProject.instance().mapLayers()), 6)
         self.assert_reviewed(output, first, second, third)
         # And they outlive a whole run.
-        run("heights", heights(output))
+        run("heights", heights(output, MORE=WHOLE))
         self.assert_reviewed(output, first, second, third)
         dock.disconnect_all()
         dock.deleteLater()

@@ -1,18 +1,18 @@
 // Opens a report in a real browser, uses it, and says what happened.
 //
-//     node tests/web/report.mjs NODE_MODULES CHROMIUM ADDRESS OUT_FOLDER BUILDING_ID
+//     node tests/web/report.mjs NODE_MODULES CHROMIUM ADDRESS OUT_FOLDER BUILDING_ID [--picks]
 //     node tests/web/report.mjs NODE_MODULES CHROMIUM ADDRESS OUT_FOLDER --frames
 //
 // Prints JSON: what was asked for beyond the page itself, errors on its console, what the picture is made of, the colours
 // in the middle of buildings on the map, whether the photos under it can be hidden, and what picking the building by the picture, the map and a link says. Leaves screenshots of a desktop and of a phone, and the
-// page as it is printed. With --frames: seconds until the page is ready, and for pictures at rest, for simple ones and
+// page as it is printed. With --picks: picking and the map only, without layers, paper and a phone. With --frames: seconds until the page is ready, and for pictures at rest, for simple ones and
 // for a city that turns: frames per second, and milliseconds of processor time that the browser spends on each.
 
 import { createRequire } from "node:module";
 import { join } from "node:path";
 import { browserSeconds } from "./cpu.mjs";
 
-const [modules, chromium, address, out, id] = process.argv.slice(2);
+const [modules, chromium, address, out, id, picksOnly] = process.argv.slice(2);
 const { chromium: engine } = createRequire(import.meta.url)(join(modules, "playwright-core"));
 const LIMIT_MS = 120_000;
 const FLAGS = ["--enable-unsafe-swiftshader", "--no-sandbox", "--disable-dev-shm-usage"];
@@ -57,6 +57,15 @@ const picked = (page) => page.evaluate(() => ({
   id: document.getElementById("picked-id")?.textContent ?? null,
   height: document.getElementById("picked-height")?.textContent ?? null,
 }));
+// Colours in the middle of buildings on the map.
+const coloursOnMap = (page) => page.locator("#plan").evaluate((canvas) => {
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  const density = canvas.width / canvas.clientWidth;
+  const at = (id) => window.sizeup.placeOnMap(id).map((v) => Math.round(v * density));
+  const places = window.sizeup.data.buildings.slice(0, 100).map((b) => [b.id, at(b.id)]);
+  const known = places.filter(([, place]) => place.every(Number.isFinite));
+  return Object.fromEntries(known.map(([id, [x, y]]) => [id, [...data.slice(4 * (y * canvas.width + x), 4 * (y * canvas.width + x) + 3)]]));
+});
 const picture = (page) => page.evaluate(() => document.getElementById("scene").toDataURL());
 
 if (id === "--frames") {
@@ -131,6 +140,12 @@ said.placeholders = await page.evaluate(() => document.documentElement.outerHTML
   said.crops = await page.locator("#crops img").count();
   said.broken = await page.evaluate(() => [...document.images].filter((i) => i.complete && i.naturalWidth === 0).length);
 }
+if (picksOnly === "--picks") {
+  said.onMap = await coloursOnMap(page);
+  await browser.close();
+  process.stdout.write(`${JSON.stringify(said, null, 1)}\n`);
+  process.exit(0);
+}
 // Every layer changes the picture, with everything in sight.
 await page.click("#controls summary");
 await page.click("#reset");
@@ -165,14 +180,7 @@ if (hasBackdrop) {
   said.backdrop = (await plan.evaluate((canvas) => canvas.toDataURL())) !== shown;
 }
 await plan.screenshot({ path: join(out, "map.png") });
-said.onMap = await plan.evaluate((canvas) => {
-  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
-  const density = canvas.width / canvas.clientWidth;
-  const at = (id) => window.sizeup.placeOnMap(id).map((v) => Math.round(v * density));
-  const places = window.sizeup.data.buildings.slice(0, 100).map((b) => [b.id, at(b.id)]);
-  const known = places.filter(([, place]) => place.every(Number.isFinite));
-  return Object.fromEntries(known.map(([id, [x, y]]) => [id, [...data.slice(4 * (y * canvas.width + x), 4 * (y * canvas.width + x) + 3)]]));
-});
+said.onMap = await coloursOnMap(page);
 if (hasBackdrop) await page.click("#show-backdrop");
 await page.screenshot({ path: join(out, "page.png"), fullPage: true });
 await page.pdf({ path: join(out, "page.pdf"), format: "A4" });

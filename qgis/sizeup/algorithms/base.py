@@ -8,12 +8,15 @@ from qgis.core import (
     QgsProcessing,
     QgsProcessingAlgorithm,
     QgsProcessingException,
+    QgsProcessingOutputFile,
+    QgsProcessingOutputNumber,
     QgsProcessingParameterBoolean,
     QgsProcessingParameterCrs,
     QgsProcessingParameterDefinition,
     QgsProcessingParameterFeatureSource,
     QgsProcessingParameterField,
     QgsProcessingParameterFile,
+    QgsProcessingParameterFolderDestination,
     QgsProcessingParameterNumber,
     QgsProcessingParameterRasterLayer,
     QgsProcessingParameterString,
@@ -227,6 +230,27 @@ class SurveyAlgorithm(SizeupAlgorithm):
         self.addParameter(QgsProcessingParameterBoolean(
             "LOAD", self.tr("Load the results, styled, as a group"), defaultValue=True,
         ))
+
+    def add_city(self) -> None:
+        """Parameters and outputs of a run: a folder with a city, which may be loaded."""
+        self.add_load()
+        self.addParameter(QgsProcessingParameterFolderDestination("OUTPUT", self.tr("Folder of the results")))
+        self.addOutput(QgsProcessingOutputFile("GEOPACKAGE", self.tr("GeoPackage")))
+        self.addOutput(QgsProcessingOutputFile("CITYJSON", self.tr("CityJSON")))
+        self.addOutput(QgsProcessingOutputFile("REPORT", self.tr("Report")))
+        self.addOutput(QgsProcessingOutputNumber("CODE", self.tr("Exit code")))
+
+    def city(self, outcome: program.Outcome, feedback) -> Dict[str, Any]:
+        """The files of a run that came to its end. Remembers the one to load."""
+        if outcome.code == FAILED_ITEMS:
+            feedback.pushWarning(
+                self.tr("Some buildings or photos have no result: see the layer qa_issues, or issues.json in the folder.")
+            )
+        self._file = self._folder / "city.gpkg"
+        return {
+            "GEOPACKAGE": str(self._file), "CITYJSON": str(self._folder / "city.city.json"),
+            "REPORT": str(self._folder / "report.html"), "CODE": outcome.code,
+        }
 
     def survey_settings(self, parameters, context, output: str) -> RunSettings:
         """What the parameters say of photos, poses, ground and CRS. Raises QgsProcessingException."""

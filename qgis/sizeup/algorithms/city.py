@@ -7,13 +7,11 @@ from qgis.core import (
     QgsProcessing,
     QgsProcessingException,
     QgsProcessingOutputFile,
-    QgsProcessingOutputNumber,
     QgsProcessingParameterBoolean,
     QgsProcessingParameterCrs,
     QgsProcessingParameterFeatureSource,
     QgsProcessingParameterField,
     QgsProcessingParameterFile,
-    QgsProcessingParameterFolderDestination,
     QgsProcessingParameterNumber,
     QgsProcessingParameterRasterLayer,
     QgsProcessingParameterString,
@@ -24,7 +22,7 @@ from ..config import ConfigError, setting, settings_of, three_numbers
 from ..layers import project_crs, raster_file
 from ..plain import in_words_of_the_dialog
 from ..review.reviews import FILE_NAME
-from .base import FAILED_ITEMS, INPUT, SETTINGS_FILE, SurveyAlgorithm
+from .base import INPUT, SETTINGS_FILE, SurveyAlgorithm
 
 
 class CityFromFolder(SurveyAlgorithm):
@@ -79,13 +77,8 @@ class CityFromFolder(SurveyAlgorithm):
         self.advanced(QgsProcessingParameterString(
             "MORE", self.tr("Further settings, one a line, as in heights.max_m=60"), multiLine=True, optional=True,
         ))
-        self.add_load()
-        self.addParameter(QgsProcessingParameterFolderDestination("OUTPUT", self.tr("Folder of the results")))
         self.addOutput(QgsProcessingOutputFile("SETTINGS", self.tr("Settings")))
-        self.addOutput(QgsProcessingOutputFile("GEOPACKAGE", self.tr("GeoPackage")))
-        self.addOutput(QgsProcessingOutputFile("CITYJSON", self.tr("CityJSON")))
-        self.addOutput(QgsProcessingOutputFile("REPORT", self.tr("Report")))
-        self.addOutput(QgsProcessingOutputNumber("CODE", self.tr("Exit code")))
+        self.add_city()
 
     def prepareAlgorithm(self, parameters, context, feedback) -> bool:  # noqa: N802, the name is QGIS's
         self.find_program()
@@ -142,15 +135,7 @@ class CityFromFolder(SurveyAlgorithm):
         outcome = self.run_program(["run", str(config), "--output", str(folder), *self._settings()], feedback)
         if outcome is None:
             return {}
-        if outcome.code == FAILED_ITEMS:
-            feedback.pushWarning(
-                self.tr("Some buildings or photos have no result: see the layer qa_issues, or issues.json in the folder.")
-            )
-        self._file = folder / "city.gpkg"
-        return {
-            **answer, "GEOPACKAGE": str(self._file), "CITYJSON": str(folder / "city.city.json"),
-            "REPORT": str(folder / "report.html"), "CODE": outcome.code,
-        }
+        return {**answer, **self.city(outcome, feedback)}
 
     def _begin(self, config: Path, feedback) -> Optional[Dict[str, Any]]:
         """What the folder holds; None where the user stopped it. Says what was found, and each warning once."""

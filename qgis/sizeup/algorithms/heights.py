@@ -2,17 +2,14 @@
 
 from qgis.core import (
     QgsProcessingException,
-    QgsProcessingOutputFile,
-    QgsProcessingOutputNumber,
     QgsProcessingParameterEnum,
-    QgsProcessingParameterFolderDestination,
     QgsProcessingParameterString,
 )
 
 from .. import results
 from ..config import PRIOR_KINDS, PRIOR_SOURCES, ConfigError, Prior, setting
 from ..review.reviews import FILE_NAME
-from .base import FAILED_ITEMS, SurveyAlgorithm
+from .base import SurveyAlgorithm
 
 PROFILES = (
     "", "da3-mono", "da3-metric", "da3-anyview", "depth-anything-v2", "depth-anything-v2-metric", "metric3d", "moge",
@@ -75,12 +72,7 @@ class EstimateHeights(SurveyAlgorithm):
             "VERTICAL", self.tr("What heights count from, in words (DHHN2016, NAP, …)"), optional=True,
         ))
         self.add_more()
-        self.add_load()
-        self.addParameter(QgsProcessingParameterFolderDestination("OUTPUT", self.tr("Folder of the results")))
-        self.addOutput(QgsProcessingOutputFile("GEOPACKAGE", self.tr("GeoPackage")))
-        self.addOutput(QgsProcessingOutputFile("CITYJSON", self.tr("CityJSON")))
-        self.addOutput(QgsProcessingOutputFile("REPORT", self.tr("Report")))
-        self.addOutput(QgsProcessingOutputNumber("CODE", self.tr("Exit code")))
+        self.add_city()
 
     def prepareAlgorithm(self, parameters, context, feedback) -> bool:  # noqa: N802, the name is QGIS's
         self.find_program()
@@ -128,15 +120,7 @@ class EstimateHeights(SurveyAlgorithm):
         outcome = self.run_program(arguments, feedback)
         if outcome is None:
             return {}
-        if outcome.code == FAILED_ITEMS:
-            feedback.pushWarning(
-                self.tr("Some buildings or photos have no result: see the layer qa_issues, or issues.json in the folder.")
-            )
-        self._file = folder / "city.gpkg"
-        return {
-            "OUTPUT": str(folder), "GEOPACKAGE": str(self._file), "CITYJSON": str(folder / "city.city.json"),
-            "REPORT": str(folder / "report.html"), "CODE": outcome.code,
-        }
+        return {"OUTPUT": str(folder), **self.city(outcome, feedback)}
 
     def postProcessAlgorithm(self, context, feedback):  # noqa: N802, the name is QGIS's
         self.load_city(self._file, context)

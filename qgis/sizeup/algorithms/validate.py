@@ -61,7 +61,7 @@ class ValidateCity(SizeupAlgorithm):
 
     def processAlgorithm(self, parameters, context, feedback):  # noqa: N802, the name is QGIS's
         path = self.parameterAsFile(parameters, "INPUT", context)
-        outcome = self.run_program(["--json", "validate", path, "--all"], feedback)
+        outcome = self.run_program(["--json", "check", path, "--all"], feedback)
         if outcome is None:
             return {}
         found = self.read_answer(outcome)

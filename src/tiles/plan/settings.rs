@@ -68,7 +68,7 @@ pub(super) fn check(run: &RunSettings<'_>, settings: &PlanSettings) -> Result<()
         return Err(TilesError::Pipeline(PipelineError::Settings {
             table: "dtm",
             message: "a terrain model made by the run is not made tile by tile".to_owned(),
-            hint: "make it once with `sizeup dtm`, name it as terrain.dtm, and take [dtm] out",
+            hint: "make it once with `sizeup survey dtm`, name it as terrain.dtm, and take [dtm] out",
         }));
     }
     layer_of(&run.footprints)?;

@@ -229,7 +229,7 @@ pub fn load_with_issues(
         (Some(_), Some(_)) => refuse("both `dtm` and `constant_m` are set", "keep one of them"),
         (None, None) => refuse(
             "neither `dtm` nor `constant_m` is set",
-            "name a terrain model, or the ground's height in metres where it is flat; `sizeup dtm` makes a model from the photos",
+            "name a terrain model, or the ground's height in metres where it is flat; `sizeup survey dtm` makes a model from the photos",
         ),
         (None, Some(_)) if config.vertical_offset_m.is_some() => {
             refuse("`vertical_offset_m` belongs to `dtm`", "add it to `constant_m` yourself")

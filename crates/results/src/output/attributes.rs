@@ -264,7 +264,7 @@ pub const FIELDS: [Field; 34] = {
             "solid_faults",
             "Faults of the solid",
             Text,
-            "val3dity's codes of what `sizeup validate` finds in the solid; an empty list or text: it is valid",
+            "val3dity's codes of what `sizeup check` finds in the solid; an empty list or text: it is valid",
             |_, solid| match solid.measures {
                 Some(_) => solid.faults.iter().map(u16::to_string).collect::<Vec<_>>().into(),
                 None => Value::Null,

@@ -45,17 +45,29 @@ pub fn write<R: Records + ?Sized>(path: &Path, model: &CityModel<'_, R>) -> Resu
         geometry: GeometryKind::Polygon,
         columns: &columns,
     };
-    write_whole_by_name(path, |temporary| {
-        text_layer::create(temporary, TextFormat::Csv, model.crs.definition(), &spec, |push| {
-            model.records.visit(&mut |record| {
-                let mut values = footprints.row(record).values;
-                values.extend(place(record));
-                push(Row { wkb: None, values })
-            })
-        })
+    write_rows(path, TextFormat::Csv, model.crs.definition(), &spec, model.records, |record| {
+        let mut values = footprints.row(record).values;
+        values.extend(place(record));
+        Ok(Row { wkb: None, values })
     })?;
     write_json(&description_of(path), &description(path, model, &columns))?;
     Ok(overview)
+}
+
+/// Writes a row per building, whole or not at all.
+pub(super) fn write_rows<R: Records + ?Sized>(
+    path: &Path,
+    format: TextFormat,
+    crs_definition: &str,
+    spec: &LayerSpec<'_>,
+    records: &R,
+    row: impl Fn(&BuildingRecord) -> Result<Row, OutputError>,
+) -> Result<(), OutputError> {
+    write_whole_by_name(path, |temporary| {
+        text_layer::create(temporary, format, crs_definition, spec, |push| {
+            records.visit(&mut |record| push(row(record)?))
+        })
+    })
 }
 
 /// File of the description, where readers look for it.

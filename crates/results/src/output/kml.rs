@@ -8,14 +8,14 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
+use super::csv::write_rows;
 use super::footprints::FootprintRows;
 use super::grid::SCALE_M;
 use super::prism::MIN_THICKNESS_M;
 use super::{BuildingRecord, CityModel, OutputError, Overview, Records, wkb};
-use sizeup_geo::files::write_whole_by_name;
 use sizeup_geo::geodata::features::{Column, ColumnKind, GeometryKind, LayerSpec, Row};
 use sizeup_geo::geodata::geojson::{GeometryValue, LonLat, Position};
-use sizeup_geo::geodata::text_layer::{self, TextFormat};
+use sizeup_geo::geodata::text_layer::TextFormat;
 
 /// Columns that KML has a meaning for, before the attributes.
 const OF_KML: [Column; 3] = [
@@ -39,14 +39,10 @@ pub fn write<R: Records + ?Sized>(path: &Path, model: &CityModel<'_, R>) -> Resu
         geometry: GeometryKind::MultiPolygonZ,
         columns: &columns,
     };
-    write_whole_by_name(path, |temporary| {
-        text_layer::create(temporary, TextFormat::Kml, "EPSG:4326", &spec, |push| {
-            model.records.visit(&mut |record| {
-                let mut values: Vec<Value> = vec![record.id.as_str().into(), "relativeToGround".into(), json!(1)];
-                values.extend(footprints.row(record).values);
-                push(Row { wkb: block(record, &lonlat)?, values })
-            })
-        })
+    write_rows(path, TextFormat::Kml, "EPSG:4326", &spec, model.records, |record| {
+        let mut values: Vec<Value> = vec![record.id.as_str().into(), "relativeToGround".into(), json!(1)];
+        values.extend(footprints.row(record).values);
+        Ok(Row { wkb: block(record, &lonlat)?, values })
     })?;
     Ok(overview)
 }

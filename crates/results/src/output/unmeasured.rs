@@ -106,7 +106,7 @@ fn advice(reason: &str) -> Option<&'static str> {
     Some(match reason {
         "seen_by_no_view" | "too_few_views" => "more oblique photos of it would help",
         "range_bound" => "if buildings are higher or lower than that, set heights.max_m and heights.min_m",
-        "above_all_around" => "if there is no tower, look at its footprint and its photos (`sizeup look`)",
+        "above_all_around" => "if there is no tower, look at its footprint and its photos (`sizeup view --photo`)",
         "nothing_stands_here" => "if it was pulled down, take its footprint out of the layer",
         "roof_of_neighbour" => "look at it in the photos; a building beside it may be missing in the layer",
         "ground_differs" => "give a terrain model, or photos that show the ground beside it from more sides",

@@ -189,7 +189,7 @@ impl NetworkPriors {
         let network = Network::open_with(&config.model, &config.engine)?;
         let wiring = profile.wire(network.inputs(), network.outputs()).map_err(|problem| PriorError::Config {
             problem: format!("profile {:?} does not fit {}: {problem}", profile.name, config.model.display()),
-            hint: "`sizeup prior inspect` shows what the graph wants and which profiles fit".to_owned(),
+            hint: "`sizeup model inspect` shows what the graph wants and which profiles fit".to_owned(),
         })?;
         check_batch(&config, &wiring, network.inputs())?;
         // A graph that is not sound is refused here, with why.
