@@ -12,6 +12,7 @@ use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind, simulate};
 use sizeup::survey::View;
 
 use crate::footprint_masks::{layer, run, view};
+use crate::tiny_scene::write_npy;
 
 /// A village that the network never saw, photos and depth as it wants them; its footprints are to be found.
 fn village(folder: &Path) {
@@ -96,14 +97,9 @@ fn a_single_photo_is_looked_at_without_depth_and_with_a_level_one() {
     // Without depth one of eight is right: no building is likely.
     assert!(alone.contours.iter().all(|c| (0.0..0.5).contains(&c.score)), "{:?}", alone.contours);
 
-    let level = folder.path().join("photo.asc");
-    std::fs::write(
-        &level,
-        format!("ncols 4\nnrows 3\nxllcorner 0\nyllcorner 0\ncellsize 1\n{}", "1492 1492 1492 1492\n".repeat(3)),
-    )
-    .unwrap();
+    write_npy(&folder.path().join("photo.npy"), 4, 3, &[1492.0; 12]);
     let priors = || {
-        let files = FilePriorConfig::new(folder.path().join("{stem}.asc").to_string_lossy(), PriorKind::Depth);
+        let files = FilePriorConfig::new(folder.path().join("{stem}.npy").to_string_lossy(), PriorKind::Depth);
         Ok(Box::new(FilePriors::new(files, [])?) as Box<_>)
     };
     let with_level = Segmenter::with_depth(SegmenterConfig::built_in(), Some(&priors)).unwrap();

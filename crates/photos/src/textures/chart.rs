@@ -122,3 +122,13 @@ impl Chart {
         facet.point(self.cells[cell].at) + LIFT_M * facet.normal
     }
 }
+
+#[cfg(test)]
+impl Chart {
+    /// A chart without gutters or cells, all of which is on the surface.
+    pub(super) fn filled(size: UVec2) -> Self {
+        let inside = vec![true; (size.x * size.y) as usize];
+        let (corner, cells_size) = (Vec2::ZERO, UVec2::ZERO);
+        Self { texel_m: 0.1, size, corner, inside, cell_px: LEAST_CELL_PX, cells_size, cells: Vec::new() }
+    }
+}

@@ -51,3 +51,28 @@ fn mean(chart: &Chart, picture: &RgbImage, known: &[bool], x: u32, rows: std::op
     }
     (n > 0.0).then(|| sum.map(|v| v / n))
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::UVec2;
+    use image::Rgb;
+
+    use super::*;
+
+    /// Rows that stay known of a wall of 5 × 10 texels whose uppermost `n_roof` rows show a roof, where the edge is uncertain by 4.
+    fn known_rows(n_roof: u32) -> Vec<u32> {
+        let chart = Chart::filled(UVec2::new(5, 10));
+        let colour = |_, y| if y < n_roof { Rgb([150, 60, 50]) } else { Rgb([200, 200, 190]) };
+        let picture = RgbImage::from_fn(5, 10, colour);
+        let mut known = vec![true; 50];
+        clear(&chart, &picture, &mut known, 4);
+        (0..10).filter(|y| (0..5).all(|x| known[y * 5 + x])).map(|y| y as u32).collect()
+    }
+
+    #[test]
+    fn a_wall_that_shows_itself_to_its_edge_is_kept_and_the_roof_on_it_is_taken_out() {
+        assert_eq!(known_rows(0), (0..10).collect::<Vec<_>>());
+        assert_eq!(known_rows(2), (2..10).collect::<Vec<_>>());
+        assert_eq!(known_rows(3), (3..10).collect::<Vec<_>>());
+    }
+}
