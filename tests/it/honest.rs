@@ -218,6 +218,9 @@ fn of_a_building_that_the_layer_has_twice_the_first_is_measured_and_the_other_re
     assert!(scene.issues("footprint_overlap").is_empty());
 }
 
+/// A rising change of a prior's values, and its name.
+type Change = (&'static str, fn(f32) -> f32);
+
 /// A prior's file with each value changed, from the least as 0 to the greatest as 1.
 fn bent(file: &[u8], change: fn(f32) -> f32) -> Vec<u8> {
     let (header, data) = file.split_at(10 + usize::from(u16::from_le_bytes([file[8], file[9]])));
@@ -230,6 +233,7 @@ fn bent(file: &[u8], change: fn(f32) -> f32) -> Vec<u8> {
 
 #[test]
 fn a_rising_change_of_the_priors_moves_heights_by_no_more_than_their_own_errors() {
+    const CHANGES: [Change; 3] = [("as it is", |x| x), ("root", f32::sqrt), ("square", |x| x * x)];
     let scene = town(TownKind::Village, 5, PriorLevel::Mid, 30);
     let config = fs::read_to_string(scene.path("sizeup.toml")).unwrap();
     assert!(config.contains("kind = \"inverse_depth\""), "{config}");
@@ -240,10 +244,9 @@ fn a_rising_change_of_the_priors_moves_heights_by_no_more_than_their_own_errors(
     };
     let paths = scene.stems().into_iter().map(|stem| scene.path(&format!("priors/{stem}.npy")));
     let priors: Vec<_> = paths.map(|path| (fs::read(&path).unwrap(), path)).collect();
-    let changes: [(&str, fn(f32) -> f32); 3] = [("as it is", |x| x), ("root", f32::sqrt), ("square", |x| x * x)];
     for preset in ["robust", "paper"] {
         let mut errors_m = Vec::new();
-        for (name, change) in changes {
+        for (name, change) in CHANGES {
             priors.iter().for_each(|(file, path)| fs::write(path, bent(file, change)).unwrap());
             let set = format!("optimise.preset={preset}");
             let outcome = scene.run(&[&PLAIN[..], &["--set", &set]].concat());

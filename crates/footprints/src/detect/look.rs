@@ -10,6 +10,7 @@ use crate::contours::{ContourFineness, ContourKind, ContourSource, ViewContours,
 use crate::georeference::{BaseSurface, PlaceError, Projector, ground_pixel_m};
 use crate::source::DetectionSettings;
 use crate::vectorise::Contour;
+use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::Terrain;
 use sizeup_survey::View;
 
@@ -28,6 +29,25 @@ pub(super) struct ViewCandidates {
     pub n_off_terrain: usize,
     /// Why a network that takes depth had none.
     pub without_depth: Option<String>,
+}
+
+impl ViewCandidates {
+    /// Notes on what the view could not show.
+    pub fn notes(&self, view: &View) -> Vec<Issue> {
+        let note = |code, message: String, hint: &str| {
+            Issue::new(Severity::Note, code, Subject::View(view.id.0.clone()), message).hint(hint)
+        };
+        let off_terrain = (self.n_off_terrain > 0).then(|| {
+            let message = format!("{} of its contours reach beyond the terrain and are left out", self.n_off_terrain);
+            note("contours_off_terrain", message, "use a terrain model that covers what the views see")
+        });
+        let without_depth = self.without_depth.as_ref().map(|reason| {
+            let message = format!("its buildings are found by colours alone: {reason}");
+            let hint = "depth makes footprints better: overlapping photos for stereo, or a depth map set in [prior]";
+            note("footprints_without_depth", message, hint)
+        });
+        off_terrain.into_iter().chain(without_depth).collect()
+    }
 }
 
 /// Looks for contours in a view and lays them on the ground.

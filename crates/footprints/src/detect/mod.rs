@@ -165,23 +165,7 @@ pub fn detect(
                 continue;
             }
         };
-        if looked.n_off_terrain > 0 {
-            let message = format!("{} of its contours reach beyond the terrain and are left out", looked.n_off_terrain);
-            let subject = Subject::View(views[view].id.0.clone());
-            issues.push(
-                Issue::new(Severity::Note, "contours_off_terrain", subject, message)
-                    .hint("use a terrain model that covers what the views see"),
-            );
-        }
-        if let Some(reason) = looked.without_depth {
-            let message = format!("its buildings are found by colours alone: {reason}");
-            let subject = Subject::View(views[view].id.0.clone());
-            issues.push(
-                Issue::new(Severity::Note, "footprints_without_depth", subject, message).hint(
-                    "depth makes footprints better: overlapping photos for stereo, or a depth map set in [prior]",
-                ),
-            );
-        }
+        issues.extend(looked.notes(&views[view]));
         for (contour, shape, error) in looked.contours {
             let sigma_m = error.sigma_m();
             let weight = sigma_m.powi(2).max(1e-6).recip();

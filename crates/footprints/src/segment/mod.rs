@@ -85,7 +85,7 @@ impl ContourSource for Segmenter {
                 };
                 match <[Raster<f32>; 5]>::try_from(maps) {
                     Ok([ground, roof, middle, rise, seam]) => {
-                        let rise = possible_rise(rise, look.pixel_m * geometry.lean.focal_px);
+                        let rise = possible_rise(&rise, look.pixel_m * geometry.lean.focal_px);
                         let maps = Maps { ground, roof, middle, rise, seam };
                         let labels = footprints(&maps, geometry.lean.nadir_px.into(), apart);
                         let found = contours(&labels, how).map_err(in_photo)?;

@@ -46,7 +46,7 @@ pub struct Maps {
 /// Limits a map of rises to what is possible where feet are `foot_depth_m` away: in an orthophoto, or from far above, roofs are not
 /// displaced, and a network that learned from photos does not know.
 #[must_use]
-pub fn possible_rise(rise: Raster<f32>, foot_depth_m: f64) -> Raster<f32> {
+pub fn possible_rise(rise: &Raster<f32>, foot_depth_m: f64) -> Raster<f32> {
     let most = (HIGHEST_M / foot_depth_m) as f32 / MOST_RISE;
     rise.map(|r| r.min(most))
 }
@@ -206,7 +206,7 @@ mod tests {
     fn roofs_of_an_orthophoto_are_not_displaced() {
         let maps = row_houses(&|_, _| 0.8);
         let from = |foot_depth_m: f64, ground: &Raster<f32>| {
-            let rise = possible_rise(maps.rise.clone(), foot_depth_m);
+            let rise = possible_rise(&maps.rise, foot_depth_m);
             let found = footprints(&Maps { rise, ground: ground.clone(), ..maps.clone() }, NADIR, HOW);
             (0..SIZE.0).map(|col| u32::from(found[(col, 20)] != 0)).collect::<Vec<u32>>()
         };
