@@ -82,7 +82,7 @@ grep '^all ' "$root/root/demo.txt" >&2
 started=$(now)
 for _ in 1 2 3 4 5 6 7 8 9 10; do in_root "$program --version" >/dev/null; done
 start_ms=$(awk -v a="$started" -v b="$(now)" 'BEGIN { printf "%.0f", (b - a) * 100 }')
-in_root "cd /root && $program doctor" >&2 || true
+in_root "cd /root && $program check" >&2 || true
 
 if [ "$kind" = deb ]; then
   in_root "test -s /usr/share/man/man1/sizeup-run.1.gz && bash -n /usr/share/bash-completion/completions/sizeup"

@@ -6,10 +6,10 @@
 
 import { createRequire } from "node:module";
 import { join } from "node:path";
+import { launch, LIMIT_MS } from "./browser.mjs";
 
 const [modules, chromium, address] = process.argv.slice(2);
 const require = createRequire(import.meta.url);
-const { chromium: engine } = require(join(modules, "playwright-core"));
 const axe = require.resolve(join(modules, "axe-core/axe.min.js"));
 const TAGS = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"];
 const SCREENS = {
@@ -17,13 +17,13 @@ const SCREENS = {
   phone: { viewport: { width: 390, height: 844 }, colorScheme: "dark", isMobile: true, hasTouch: true },
 };
 
-const browser = await engine.launch({ executablePath: chromium, args: ["--enable-unsafe-swiftshader", "--no-sandbox", "--disable-dev-shm-usage"] });
+const browser = await launch(modules, chromium);
 const said = {};
 for (const [name, screen] of Object.entries(SCREENS)) {
   // The page's own policy forbids scripts of others.
   const context = await browser.newContext({ ...screen, bypassCSP: true });
   const page = await context.newPage();
-  page.setDefaultTimeout(120_000);
+  page.setDefaultTimeout(LIMIT_MS);
   await page.goto(address);
   await page.waitForTimeout(2000);
   // With a building picked, a page has the most on it.

@@ -8,16 +8,13 @@
 // page as it is printed. With --picks: picking and the map only, without layers, paper and a phone. With --frames: seconds until the page is ready, and for pictures at rest, for simple ones and
 // for a city that turns: frames per second, and milliseconds of processor time that the browser spends on each.
 
-import { createRequire } from "node:module";
 import { join } from "node:path";
+import { launch, LIMIT_MS } from "./browser.mjs";
 import { browserSeconds } from "./cpu.mjs";
 
 const [modules, chromium, address, out, id, picksOnly] = process.argv.slice(2);
-const { chromium: engine } = createRequire(import.meta.url)(join(modules, "playwright-core"));
-const LIMIT_MS = 120_000;
-const FLAGS = ["--enable-unsafe-swiftshader", "--no-sandbox", "--disable-dev-shm-usage"];
 
-const browser = await engine.launch({ executablePath: chromium, args: FLAGS, timeout: LIMIT_MS });
+const browser = await launch(modules, chromium);
 const said = { requests: [], errors: [] };
 
 async function open(options) {

@@ -4,20 +4,14 @@
 //
 // Prints JSON: errors, the ways to colour, and which is chosen first. The pictures are FOLDER/WAY.png.
 
-import { createRequire } from "node:module";
 import { join } from "node:path";
+import { launch, watchedPage } from "./browser.mjs";
 
 const [modules, chromium, address, folder] = process.argv.slice(2);
-const { chromium: engine } = createRequire(import.meta.url)(join(modules, "playwright-core"));
-const LIMIT_MS = 120_000;
 
-const browser = await engine.launch({ executablePath: chromium, timeout: LIMIT_MS,
-  args: ["--enable-unsafe-swiftshader", "--no-sandbox", "--disable-dev-shm-usage"] });
-const page = await browser.newPage({ viewport: { width: 1200, height: 800 } });
-page.setDefaultTimeout(LIMIT_MS);
+const browser = await launch(modules, chromium);
 const said = { errors: [] };
-page.on("console", (message) => { if (message.type() === "error") said.errors.push(message.text()); });
-page.on("pageerror", (error) => said.errors.push(String(error)));
+const page = await watchedPage(browser, said.errors);
 await page.goto(address);
 await page.waitForFunction(() => window.sizeup?.showsPhotos());
 said.first = await page.inputValue("#colour");

@@ -5,20 +5,13 @@
 // Prints JSON: requests that left the server, errors, how many tiles and buildings were loaded before and after coming
 // closer, and what is picked in the middle of the picture, or closest to it.
 
-import { createRequire } from "node:module";
-import { join } from "node:path";
+import { launch, watchedPage } from "./browser.mjs";
 
 const [modules, chromium, address, picture] = process.argv.slice(2);
-const { chromium: engine } = createRequire(import.meta.url)(join(modules, "playwright-core"));
-const LIMIT_MS = 120_000;
 
-const browser = await engine.launch({ executablePath: chromium, timeout: LIMIT_MS,
-  args: ["--enable-unsafe-swiftshader", "--no-sandbox", "--disable-dev-shm-usage"] });
-const page = await browser.newPage({ viewport: { width: 1200, height: 800 } });
-page.setDefaultTimeout(LIMIT_MS);
+const browser = await launch(modules, chromium);
 const said = { elsewhere: [], errors: [] };
-page.on("console", (message) => { if (message.type() === "error") said.errors.push(message.text()); });
-page.on("pageerror", (error) => said.errors.push(String(error)));
+const page = await watchedPage(browser, said.errors);
 page.on("request", (request) => { if (!request.url().startsWith(address) && !request.url().startsWith("data:")) said.elsewhere.push(request.url()); });
 await page.goto(address);
 await page.waitForSelector("#reset", { state: "attached" });

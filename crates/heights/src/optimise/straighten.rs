@@ -264,12 +264,8 @@ mod tests {
         (0..9000).map(of).collect()
     }
 
-    fn fit(samples: Vec<(f64, f64)>) -> Option<Polyline> {
-        Polyline::fit(samples)
-    }
-
     fn bend_of(prior: impl Fn(f64) -> f64) -> f64 {
-        fit(samples(prior)).unwrap().bend().unwrap()
+        Polyline::fit(samples(prior)).unwrap().bend().unwrap()
     }
 
     fn shifted(samples: &[(f64, f64)]) -> Option<(GroundCurve, f64)> {
@@ -279,7 +275,7 @@ mod tests {
     #[test]
     fn a_root_and_a_cube_come_out_straight() {
         for power in [0.33, 3.0] {
-            let curve = fit(samples(|v| 7.0 * (v - 0.0049).powf(power) - 2.0)).unwrap();
+            let curve = Polyline::fit(samples(|v| 7.0 * (v - 0.0049).powf(power) - 2.0)).unwrap();
             for v in [1.0 / 180.0, 1.0 / 140.0, 1.0 / 100.0, 1.0 / 85.0] {
                 let found = GroundCurve::Bent(curve.clone()).inverse_depth(7.0 * (v - 0.0049_f64).powf(power) - 2.0);
                 assert!((found - v).abs() < 0.02 * v, "power {power}: {found} is not {v}");
@@ -331,6 +327,6 @@ mod tests {
 
     #[test]
     fn a_prior_that_falls_towards_the_camera_is_not_turned_round() {
-        assert_eq!(fit(samples(|v| -v.sqrt())), None);
+        assert_eq!(Polyline::fit(samples(|v| -v.sqrt())), None);
     }
 }

@@ -191,10 +191,9 @@ struct CellImage {
 
 impl CellImage {
     fn of([first, last]: [[u32; 2]; 2], seen: &impl Fn(u32, u32) -> Option<DVec2>) -> Self {
-        let corner = |x: u32, y: u32| seen(x, y);
         let corners = || {
-            let above = [corner(first[0], first[1])?, corner(last[0], first[1])?];
-            let below = [corner(first[0], last[1])?, corner(last[0], last[1])?];
+            let above = [seen(first[0], first[1])?, seen(last[0], first[1])?];
+            let below = [seen(first[0], last[1])?, seen(last[0], last[1])?];
             Some([above[0], above[1], below[0], below[1]])
         };
         let n_steps = [0, 1].map(|axis| f64::from(last[axis] - first[axis]).max(1.0));
