@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use glam::DVec2;
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::raster::Raster;
-use sizeup_truth::simulate::{SeenObject, SimulatedTown, VisibleWorld, ground_contact, roofs};
 use sizeup_survey::View;
+use sizeup_truth::simulate::{SeenObject, SimulatedTown, VisibleWorld, ground_contact, roofs};
 
 /// Ground labels of pixels of which it is not known whether there is a building.
 pub const UNKNOWN: u16 = u16::MAX;

@@ -26,9 +26,9 @@ use serde::{Deserialize, Serialize};
 
 use sizeup_footprints::FootprintConfig;
 use sizeup_geo::terrain::TerrainConfig;
-use sizeup_truth::simulate::SimulateConfig;
 use sizeup_photos::prior::FilePriorConfig;
 use sizeup_survey::SurveyConfig;
+use sizeup_truth::simulate::SimulateConfig;
 
 /// What a scene is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]

@@ -8,9 +8,9 @@ use image::imageops::FilterType;
 use sizeup_geo::crs::Crs;
 use sizeup_geo::terrain::{self, MapBox};
 use sizeup_heights::ids::{BuildingId, ViewId};
-use sizeup_truth::simulate::{self, SimulateConfig, SimulatedTown, VisibleWorld};
 use sizeup_photos::prior::{FilePriors, PriorKind, PriorSource as _};
 use sizeup_survey::{View, ViewKind};
+use sizeup_truth::simulate::{self, SimulateConfig, SimulatedTown, VisibleWorld};
 
 use super::{PhotosConfig, SceneConfig};
 use crate::TrainError;

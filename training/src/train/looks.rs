@@ -31,8 +31,13 @@ const MOST_LEAN: f64 = 0.5;
 /// Relief of roofs in spreads: 1 over the root of the share of a photo that is built on, for 5 to 40 %.
 const ROOF_RELIEF: std::ops::Range<f32> = 1.6..4.5;
 /// Most trees in a crop, and their radii, pixels of 0.34 m.
-const MOST_TREES: usize = 20;
+const MOST_TREES: usize = 60;
 const TREE_RADIUS_PX: std::ops::Range<f32> = 3.0..14.0;
+/// Least (2 g − r − b) / (r + g + b) of leaves, the *excess green index*. In four places 6 to 18 % of the roofs lie above it, and 19 to 80 % of the
+/// rest.
+const LEAST_GREEN: f32 = 0.08;
+/// Share of the trees that stand anywhere: bare ones, lorries, awnings.
+const ANYWHERE: f64 = 0.15;
 
 /// Change of a crop as a whole, made or not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -229,14 +234,21 @@ impl Looks {
     }
 }
 
-/// Depth from outlines: flat roofs of several heights, and trees between them, which stand out of the ground like roofs.
+/// Depth from outlines: flat roofs of several heights, and trees, most of them where the photo is green. These stand out of the ground like
+/// roofs, so that only colours tell them apart.
 fn raised(photo: &Photo, cells: &[Option<usize>], (columns, rows): (usize, usize), rng: &mut impl Rng) -> Vec<f32> {
     let common: f32 = rng.random_range(ROOF_RELIEF);
     let mut roofs: BTreeMap<u16, f32> = BTreeMap::new();
+    let is_tree = |i: usize| {
+        cells[i].is_some_and(|cell| matches!(photo.roof.data()[cell], 0 | UNKNOWN) && is_green(photo.rgb[cell]))
+    };
     let trees: Vec<(f32, f32, f32, f32)> = (0..rng.random_range(0..=MOST_TREES))
-        .map(|_| {
-            let at = (rng.random_range(0.0..columns as f32), rng.random_range(0.0..rows as f32));
-            (at.0, at.1, rng.random_range(TREE_RADIUS_PX), common * rng.random_range(0.3..1.5))
+        .filter_map(|_| {
+            let at = rng.random_range(0..cells.len());
+            (rng.random_bool(ANYWHERE) || is_tree(at)).then(|| {
+                let (radius, top) = (rng.random_range(TREE_RADIUS_PX), common * rng.random_range(0.3..1.5));
+                ((at % columns) as f32, (at / columns) as f32, radius, top)
+            })
         })
         .collect();
     let mut relief = Vec::with_capacity(cells.len());
@@ -253,6 +265,12 @@ fn raised(photo: &Photo, cells: &[Option<usize>], (columns, rows): (usize, usize
         });
     }
     relief
+}
+
+/// Whether a colour is that of leaves.
+fn is_green(colour: [u8; 3]) -> bool {
+    let [r, g, b] = colour.map(f32::from);
+    2.0 * g - r - b > LEAST_GREEN * (r + g + b)
 }
 
 /// Gives every roof, and the ground, a colour of its own in the place of a part of theirs; light and texture stay.
