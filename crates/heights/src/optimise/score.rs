@@ -247,21 +247,40 @@ fn leave_out_unmodelled(
     calibration: Calibration,
     rays: &mut Vec<u32>,
 ) -> f32 {
-    // How far above what is rendered the prior lies, metres.
-    let excess_m = |ray: u32| {
-        let ray = ray as usize;
-        let seen = calibration.inverse_depth(evidence.nearness[ray]).max(f32::MIN_POSITIVE).recip();
-        f64::from((seen - stops.depth(ray)) * evidence.profiles.rays[ray].dz)
-    };
     let mut is_own = within(own);
-    let around: Vec<f64> = rays.iter().filter(|&&r| !is_own(r)).map(|&r| excess_m(r)).collect();
-    let Some((level, sigma)) = far_side(&mut around.clone()) else { return 0.0 };
-    let limit = level + (UNMODELLED_SIGMAS * sigma).max(UNMODELLED_M);
+    let excess_m = |&ray: &u32| excess_m(evidence, stops, calibration, ray as usize);
+    let around: Vec<f64> = rays.iter().filter(|&&r| !is_own(r)).map(excess_m).collect();
+    let Some(limit) = limit_m(around.clone()) else { return 0.0 };
     let n_before = rays.len();
     // The building's own rays are left alone.
     let (mut is_own, mut of_around) = (within(own), around.iter());
     rays.retain(|&r| is_own(r) || of_around.next().is_some_and(|excess| *excess <= limit));
     (n_before - rays.len()) as f32 / around.len() as f32
+}
+
+/// Share of a view's rays beside all footprints that look, by the calibrated prior, at something that the scene does not have.
+pub(super) fn unmodelled_share(evidence: &Evidence<'_>, stops: &Stops, calibration: Calibration) -> f32 {
+    let profiles = evidence.profiles;
+    let is_open = |&ray: &usize| {
+        let has_both = evidence.nearness[ray].is_finite() && profiles.rays[ray].ground.is_finite();
+        has_both && profiles.intervals(ray).is_empty()
+    };
+    let open = (0..profiles.rays.len()).filter(is_open);
+    let open: Vec<f64> = open.map(|ray| excess_m(evidence, stops, calibration, ray)).collect();
+    let Some(limit) = limit_m(open.clone()) else { return 0.0 };
+    open.iter().filter(|excess| **excess > limit).count() as f32 / open.len() as f32
+}
+
+/// How far above what is rendered the prior lies, metres.
+fn excess_m(evidence: &Evidence<'_>, stops: &Stops, calibration: Calibration, ray: usize) -> f64 {
+    let seen = calibration.inverse_depth(evidence.nearness[ray]).max(f32::MIN_POSITIVE).recip();
+    f64::from((seen - stops.depth(ray)) * evidence.profiles.rays[ray].dz)
+}
+
+/// Excess from which something is not in the scene, among those of open ground; `None` where these are too few.
+fn limit_m(mut open: Vec<f64>) -> Option<f64> {
+    let (level, sigma) = far_side(&mut open)?;
+    Some(level + (UNMODELLED_SIGMAS * sigma).max(UNMODELLED_M))
 }
 
 /// Whether a ray is one of some rays, asked in ascending order.

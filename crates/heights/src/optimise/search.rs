@@ -18,7 +18,7 @@ use super::config::{
 use super::evidence::Evidence;
 use super::peak::ScoreCurve;
 use super::roof::{self, Judged, RoofView};
-use super::score::{Scope, Window};
+use super::score::{Scope, Window, unmodelled_share};
 use super::vegetation::Standing;
 use crate::render::PlacedCamera;
 use crate::render::profile::Stops;
@@ -30,6 +30,9 @@ use crate::stats::{jackknife_sigma, parabola_peak};
 const MIN_GAIN: f64 = 0.002;
 /// Fewer views do not tell the two apart.
 const MIN_VIEWS: usize = 3;
+/// Share of a view's open rays that may look at something the scene does not have before it counts as such and not as errors of the prior. Nine
+/// tenths of the views have less than 0.03 in towns with all footprints, and three quarters more than 0.05 over Warsaw, with nine.
+const MAX_UNMODELLED: f32 = 0.05;
 
 /// The interval of heights a sweep tries for one building.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -98,6 +101,8 @@ pub struct SweepView<'a> {
     pub stops: Stops,
     /// Mapping of the prior to metres.
     calibration: Option<Calibration>,
+    /// Whether much stands in it that the scene does not have.
+    has_unmodelled: bool,
 }
 
 impl<'a> SweepView<'a> {
@@ -118,7 +123,10 @@ impl<'a> SweepView<'a> {
             }),
             CalibrationRays::None => Some(Calibration::IN_METRES),
         };
-        Self { placed, evidence, stops, calibration }
+        let has_unmodelled = calibration.is_some_and(|calibration| {
+            calibration.is_in_metres || unmodelled_share(evidence, &stops, calibration) > MAX_UNMODELLED
+        });
+        Self { placed, evidence, stops, calibration, has_unmodelled }
     }
 
     /// The score of each height of one building, as a local sweep up to the highest of them has it; empty where the view
@@ -143,7 +151,13 @@ impl<'a> SweepView<'a> {
     /// One building in this view; `None` if it has nothing to say.
     pub(super) fn window(&self, scene: &Scene, building: usize, scope: Scope) -> Option<Window> {
         let ground_z = scene.prisms[building].ground_z;
-        Window::new(self.evidence, building as u32, ground_z, &self.stops, self.calibration, scope)
+        let mut window =
+            Window::new(self.evidence, building as u32, ground_z, &self.stops, self.calibration, scope)?;
+        if !self.has_unmodelled {
+            // What stands out around it are errors of the prior.
+            window.unmodelled = 0.0;
+        }
+        Some(window)
     }
 
     /// The same for roofs of any form.
