@@ -6,19 +6,16 @@ use geo::Centroid as _;
 use geo_types::Polygon;
 use glam::DVec3;
 
-use super::apart::check_apart;
-use super::input::check_baseline;
-use super::settings::{DtmSettings, OutputSettings, SurveySettings};
-use super::{Event, PhotoGround, PipelineError, Tell, soundness};
+use super::checks::check_apart;
+use super::checks::check_baseline;
+use super::settings::{DtmSettings, SurveySettings};
+use super::{Event, PhotoGround, PipelineError, Tell};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::write_json;
-use sizeup_geo::geodata::raster::RasterFile;
 use sizeup_geo::geodata::{GridPlace, write_geotiff};
 use sizeup_geo::terrain::{self, Terrain};
 use sizeup_photos::dtm::{self, Dtm, DtmConfig};
-use sizeup_results::output::geopackage::{self, ProjectGround};
 use sizeup_results::output::picture::{relief_map, write_png};
-use sizeup_results::output::{CityModel, OutputError, Records};
 use sizeup_survey::Survey;
 
 /// Written where no ground was found.
@@ -42,7 +39,7 @@ pub fn dtm_of_photos(
             hint: "set terrain.constant_m in the vertical reference of the poses, or terrain.dtm to a coarse model",
         });
     }
-    let reading = soundness::read(survey)?;
+    let reading = super::survey::read(survey)?;
     Place::of(place, reading.survey(), settings)?.dtm(reading.survey(), settings, progress)
 }
 
@@ -115,35 +112,4 @@ pub fn write_dtm(dtm: &Dtm, crs: &Crs, path: &Path) -> Result<(), PipelineError>
     let place = GridPlace { corner_m: dtm.dem.corner_m(), cell_m: dtm.dem.cell_m(), crs, nodata: NODATA };
     write_geotiff(path, dtm.dem.heights_m(), &place)?;
     Ok(())
-}
-
-/// Writes the QGIS project of a result into its folder, beside its `GeoPackage`, standing on the run's terrain.
-///
-/// # Errors
-/// [`OutputError`].
-pub fn write_project<R: Records + ?Sized>(
-    settings: &OutputSettings<'_>,
-    folder: &Path,
-    geopackage: &str,
-    model: &CityModel<'_, R>,
-) -> Result<(), OutputError> {
-    let terrain = &settings.ground.terrain;
-    let own = terrain.dtm.as_ref().and_then(|path| RasterFile::open(path).ok()?.crs().ok()?);
-    let own = own.or_else(|| terrain.crs.clone());
-    let path = terrain.dtm.as_ref().map(|path| match path.strip_prefix(folder) {
-        Ok(made) => made.to_owned(),
-        Err(_) => settings.folder.saved(path),
-    });
-    let ground = match (&path, terrain.constant_m) {
-        (Some(path), _) => ProjectGround::Model {
-            path,
-            crs: own.as_ref(),
-            // A run has read it, so that its unit is known.
-            unit_m: sizeup_geo::terrain::height_unit_m(terrain).unwrap_or(1.0),
-            offset_m: terrain.vertical_offset_m.unwrap_or(0.0),
-        },
-        (None, Some(level_m)) => ProjectGround::Level(level_m),
-        (None, None) => ProjectGround::LowestWall,
-    };
-    geopackage::write_project(&folder.join("city.qgs"), geopackage, model, &settings.config.geopackage, ground)
 }

@@ -1,23 +1,32 @@
 //! The footprints stage: footprints from a layer, or found in the nadir photos, and the ground under each.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
-use glam::DVec2;
+use geo::line_measures::{Densify as _, Euclidean};
+use geo_types::{Coord, Polygon};
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+use sizeup_geo::template::name_among;
+use sizeup_results::output::picture::colour::Rgb;
+use sizeup_results::output::picture::{self, OverlayConfig, Polyline, photo_of};
 
-use super::apart::check_apart;
-use super::ground::{correct_ground, load_terrain, on_ground};
+use super::checks::check_apart;
+use super::scene::{correct_ground, load_terrain, on_ground};
 use super::settings::{FootprintSettings, GroundSettings};
-use super::{FootprintStage, HeightStage, PipelineError, pictures};
-use sizeup_footprints::{ContourSource, FootprintSource, MaskFiles, Segmenter};
+use super::{FootprintStage, HeightStage, PipelineError};
+use sizeup_footprints::{ContourSource, Detection, FootprintSource, MaskFiles, Segmenter};
 use sizeup_geo::issue::{Severity, Subject};
 use sizeup_geo::terrain::{self, LoadedTerrain, MapBox, Terrain};
-use sizeup_photos::onnx::is_profile_file;
 use sizeup_photos::prior::{PriorError, PriorSource};
 use sizeup_survey::{Survey, View, ViewKind};
 
 /// Movement below which roofs count as settled, metres.
 const SETTLED_M: f64 = 0.02;
+/// Nadir photos with their footprints drawn over them, at most: a city has thousands.
+const MOST_FOOTPRINT_OVERLAYS: usize = 40;
+/// Colour of footprints and of single photos' masks.
+const FOOTPRINT: Rgb = [253, 231, 37];
+const CANDIDATE: Rgb = [64, 190, 200];
 
 /// Reads or finds the footprints.
 pub(super) fn read(
@@ -48,7 +57,7 @@ pub(super) fn read(
     let mut found = sizeup_footprints::detect(source.as_ref(), &survey.views, ground, detection, crs)?;
     sizeup_footprints::write(&settings.folder.join("footprints.gpkg"), &found, &survey.views, crs)?;
     if settings.draws_pictures {
-        pictures::footprints(settings.folder.path(), &found, survey, ground)?;
+        draw_footprints(settings.folder.path(), &found, survey, ground)?;
     }
     let mut stage = on_ground(&settings.ground, std::mem::take(&mut found.layer), &terrain);
     stage.tracks = found.tracks;
@@ -173,22 +182,56 @@ pub(super) fn move_roofs(
     Ok(moved.iter().any(|m| *m > SETTLED_M))
 }
 
-/// The files that footprints come from, for the lineage.
-#[must_use]
-pub fn files(source: &FootprintSource, survey: &Survey) -> Vec<PathBuf> {
-    let mut files: Vec<PathBuf> = source.file().into_iter().collect();
-    if let FootprintSource::Network(network) = source {
-        files.extend(network.backbones.values().cloned());
-        files.extend(network.profile.iter().filter(|profile| is_profile_file(profile)).map(PathBuf::from));
+/// Draws the footprints over nadir photos, into `pictures/footprints-*.png`: over all of them, or where there are many over
+/// some, evenly spread over the flight.
+fn draw_footprints(
+    folder: &std::path::Path,
+    found: &Detection,
+    survey: &Survey,
+    terrain: &Terrain,
+) -> Result<(), PipelineError> {
+    let folder = folder.join("pictures");
+    let nadir: Vec<usize> = (0..survey.views.len()).filter(|&i| survey.views[i].kind() == ViewKind::Nadir).collect();
+    spread(&nadir, MOST_FOOTPRINT_OVERLAYS).into_par_iter().try_for_each(|i| {
+        let view = &survey.views[i];
+        let mut lines: Vec<Polyline> = Vec::new();
+        let own = found.candidates.iter().filter(|c| c.view == i);
+        for polygon in own.flat_map(|c| &c.shape.0) {
+            lines.extend(ground_lines(view, polygon, terrain, CANDIDATE));
+        }
+        for footprint in &found.layer.footprints {
+            lines.extend(ground_lines(view, &footprint.polygon, terrain, FOOTPRINT));
+        }
+        let name =
+            format!("footprints-{}.png", name_among(&view.id.0, survey.views.iter().map(|view| view.id.0.as_str())));
+        let key = [("footprint", FOOTPRINT), ("this photo's mask", CANDIDATE)];
+        let overlay = picture::overlay(&photo_of(view)?, &lines, &key, &OverlayConfig::default());
+        picture::write_png(&folder.join(name), &overlay).map_err(PipelineError::from)
+    })
+}
+
+/// At most so many of a list, evenly spread, the first and the last among them.
+fn spread(all: &[usize], most: usize) -> Vec<usize> {
+    if all.len() <= most {
+        return all.to_vec();
     }
-    if let FootprintSource::Masks(masks) = source
-        && let Ok(masks) = MaskFiles::new(masks.clone())
-    {
-        let nadir = survey.views.iter().filter(|v| v.kind() == ViewKind::Nadir);
-        files.extend(nadir.filter_map(|view| masks.file_of(view)));
-    }
-    if let Some(cadastre) = source.detection().and_then(|d| d.cadastre) {
-        files.push(cadastre.path.clone());
-    }
-    files
+    (0..most).map(|i| all[i * (all.len() - 1) / (most - 1).max(1)]).collect()
+}
+
+/// A polygon's rings as a view sees them on the ground; nothing where it lies outside the photo.
+fn ground_lines(view: &View, polygon: &Polygon<f64>, terrain: &Terrain, colour: Rgb) -> Vec<Polyline> {
+    /// Longest straight piece: beyond it the ground and the lens bend a line visibly, metres.
+    const PIECE_M: f64 = 4.0;
+    let project = |c: &Coord<f64>| {
+        let z = terrain.height_at(c.x, c.y)?;
+        view.camera.project(view.camera_from_map.point(DVec3::new(c.x, c.y, z)))
+    };
+    let rings = std::iter::once(polygon.exterior()).chain(polygon.interiors());
+    let lines = rings.filter_map(|ring| {
+        let dense = Euclidean.densify(ring, PIECE_M);
+        let points: Vec<DVec2> = dense.0.iter().map(project).collect::<Option<_>>()?;
+        let is_inside = points.iter().any(|p| view.camera.contains(*p));
+        is_inside.then(|| Polyline { points_px: points.iter().map(DVec2::to_array).collect(), colour })
+    });
+    lines.collect()
 }

@@ -1,16 +1,15 @@
 //! The heights stage: the run's footprints, priors and photos handed to the method.
 
-use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DVec3;
 
-use super::artefact::Artefacts;
+use super::artefacts::Artefacts;
 use super::footprints;
-use super::kept::PriorStore;
-use super::parts::buildings_of;
+use super::priors::PriorStore;
 use super::scene::SceneStage;
+use super::scene::buildings_of;
 use super::settings::HeightSettings;
 use super::{Event, FootprintStage, HeightStage, PipelineError, Solver, Stage, Tell, photo_ground};
 use sizeup_footprints::FootprintSource;
@@ -240,18 +239,6 @@ impl HeightSettings<'_> {
     pub(super) fn view_inputs(&self, survey: &Survey, scene: &Scene) -> Vec<ViewInput> {
         sizeup_heights::estimate::view_inputs(&cameras(survey), &self.optimise(), scene, DVec3::ZERO)
     }
-}
-
-/// A survey whose photos are all moved in the map frame, metres.
-pub(super) fn moved(survey: &Survey, by: DVec3) -> Cow<'_, Survey> {
-    if by == DVec3::ZERO {
-        return Cow::Borrowed(survey);
-    }
-    let mut survey = survey.clone();
-    for view in &mut survey.views {
-        view.camera_from_map = view.camera_from_map.moved(by);
-    }
-    Cow::Owned(survey)
 }
 
 fn cameras(survey: &Survey) -> Vec<NamedCamera> {

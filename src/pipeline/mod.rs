@@ -1,72 +1,54 @@
 //! The whole path, from a configuration to a city: the only code that sees every stage.
 //!
-//! | stage | reads | leaves in `stages/` |
-//! |---|---|---|
-//! | survey | photos and poses | `survey.json` |
-//! | footprints | footprints, terrain | `footprints.json` |
-//! | heights | priors | `heights.json` |
-//! | output | the three above | nothing: it writes the results |
+//! | stage | reads | leaves in `stages/` | files |
+//! |---|---|---|---|
+//! | survey | photos and poses | `survey.json` | `survey` |
+//! | footprints | footprints, terrain | `footprints.json` | `dtm`, `footprints` |
+//! | heights | priors | `heights.json` | `photo_ground`, `scene`, `priors`, `heights` |
+//! | output | the three above | nothing: it writes the results | `output/` |
+//!
+//! `stages` is the loop over them, `settings` and `run_settings` are what each gets of the configuration, `artefacts` are their results on
+//! disk, and `recipes` tell when these are stale. `tile` runs the stages for a part of a city.
 //!
 //! The survey report (`survey.json`, `pictures/survey.png`) lies beside the results; a survey that looks wrong stops the
 //! run. A run can stop after any stage and start at any, from what earlier runs left behind.
 
-mod apart;
-mod artefact;
-mod backdrop;
-mod contents;
+mod artefacts;
+mod checks;
+mod commands;
 mod dtm;
 mod error;
-mod evidence;
 mod footprints;
-mod footprints_off;
-mod frame;
-mod ground;
 mod heights;
-mod input;
-mod issues;
-mod kept;
-mod lineage;
-mod look;
-mod overview;
-mod parts;
+mod output;
 mod photo_ground;
-mod pictures;
-mod poses;
 mod priors;
 mod recipes;
-mod records;
-mod report;
 mod run_settings;
 mod scene;
 mod settings;
-mod soundness;
-mod stage_data;
 mod stages;
-mod textures;
+mod survey;
 mod tile;
-mod worst;
 
-pub use contents::files_of;
-pub use dtm::{dtm_of_photos, write_dtm, write_project};
+pub use artefacts::{FootprintStage, HeightStage};
+pub use checks::check_fallback;
+pub use commands::{PriorsDone, Wanted, compute_priors, look};
+pub use dtm::{dtm_of_photos, write_dtm};
 pub use error::PipelineError;
-pub use footprints::files as footprint_files;
-pub use frame::Frame;
-pub use input::check_fallback;
-pub use issues::unstated_reference;
-pub use look::look;
+pub use output::records::{reviews_of, unstated_reference};
+pub use output::report::{photos_for_city_report, write_city_report};
+pub use output::textures::{BuildingTexture, PaintedTile, TextureScene, TextureSummary, texture};
+pub use output::write_project;
 pub use photo_ground::PhotoGround;
-pub use poses::terrain_around;
-pub use priors::{PriorsDone, Wanted, compute_priors};
-pub use records::reviews_of;
-pub use report::{photos_for_city_report, write_city_report};
+pub use recipes::{files_of, footprint_files};
 pub use run_settings::RunSettings;
-pub use scene::terrain_of_heights;
+pub use scene::{Frame, terrain_of_heights};
 pub use settings::{
     DepthKind, DtmSettings, FootprintSettings, GroundSettings, HeightSettings, Origin, OutputSettings, PlaceSettings,
     RecordSettings, SceneSettings, SurveySettings,
 };
-pub use stage_data::{FootprintStage, HeightStage};
-pub use textures::{BuildingTexture, PaintedTile, TextureScene, TextureSummary, texture};
+pub use survey::terrain_around;
 pub use tile::{CityPart, PartHashes, PartHeights, find_footprints, footprints_around, layer_of, refused_records};
 
 use schemars::JsonSchema;

@@ -1,115 +1,126 @@
-//! Priors ahead of a run: the cache is filled with what the run will ask for.
-//!
-//! A view that is in the cache is passed over, so an interrupted work goes on where it stopped, and several processes
-//! that start at different views share it.
+//! The priors of a run, and what is green in its photos: what was computed is kept, so that solving again, correcting edge bleeding
+//! and the pictures at the end do not ask the network, the matcher or the decoder a second time.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
-use serde::Serialize;
-
-use super::heights::require_matched_photos;
-use super::scene::SceneStage;
-use super::settings::HeightSettings;
-use super::{FootprintStage, PipelineError, RunOptions, RunSettings, Stage, Tell, stages};
-use sizeup_heights::optimise::solve;
-use sizeup_heights::optimise::{Problem, Rays, first_selection};
-use sizeup_photos::prior::Priors;
+use sizeup_geo::kept::Kept;
+use sizeup_heights::optimise::WithoutPrior;
+use sizeup_heights::raster::Raster;
+use sizeup_photos::prior::{DepthPrior, PriorError, PriorSource as _, Priors};
+use sizeup_photos::vegetation;
 use sizeup_survey::{Survey, View};
 
-/// Which views' priors are computed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Wanted {
-    /// Those that a run selects first.
-    Selected,
-    /// All oblique ones: what any run, and any part of a city, can ask for.
-    AllOblique,
+use super::PipelineError;
+use super::scene::SceneStage;
+use super::settings::HeightSettings;
+
+/// Memory that a run keeps computed priors in, bytes: some 350 of 518 × 350 pixels.
+const KEPT_BYTES: usize = 256 << 20;
+
+/// Memory for what is green in photos, bytes: some 450 at the usual working size.
+const GREEN_BYTES: usize = 64 << 20;
+
+/// A source of priors that remembers.
+pub(super) struct PriorStore {
+    source: Priors,
+    /// The views as the survey has them: priors are theirs, wherever heights are measured from.
+    views: Vec<View>,
+    /// By the view's position, weighed in bytes.
+    kept: Kept<usize, DepthPrior>,
+    /// Longer side of the photos that vegetation is detected in; `None` where it is not masked.
+    green_px: Option<u32>,
+    green: Kept<usize, Option<Arc<Raster<bool>>>>,
+    /// By the view's position: why its photo cannot be read.
+    unread: Mutex<BTreeMap<usize, String>>,
 }
 
-/// Numbers of priors that were wanted, found, computed and kept.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
-pub struct PriorsDone {
-    /// Views whose priors are wanted.
-    pub n_wanted: usize,
-    /// Number of these that were there already.
-    pub n_found: usize,
-    /// Number of these computed now.
-    pub n_computed: usize,
-    /// Those that are in the cache afterwards: fewer than found and computed where its limit is too low.
-    pub n_kept: usize,
-    /// Views without a prior, and why.
-    pub failed: Vec<(String, String)>,
-}
-
-/// Computes priors into the cache. `start` shifts the view that is begun with: processes that share the work pass
-/// different numbers. The stages before the heights are run, and leave their results as in a run.
-///
-/// # Errors
-/// [`PipelineError`]: as a run up to the footprints, and for priors that are files or have no cache.
-pub fn compute_priors(
-    settings: &RunSettings<'_>,
-    wanted: Wanted,
-    start: usize,
-    tell: Tell<'_>,
-    progress: &(dyn Fn(usize, usize) + Sync),
-) -> Result<PriorsDone, PipelineError> {
-    let options = RunOptions { from: Stage::Survey, until: Stage::Footprints, command: String::new() };
-    stages::run(settings, &options, tell, &solve)?;
-    let survey = settings.artefacts.read_survey()?;
-    let mut footprints: FootprintStage = settings.artefacts.read(Stage::Footprints, &survey)?;
-    let settings = &settings.heights;
-    // As a run computes them: over the terrain as the photos correct it.
-    let stage = SceneStage::on_measured_ground(&settings.scene, &survey, &mut footprints)?;
-    require_matched_photos(settings, &survey)?;
-    let priors = settings.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
-    if !priors.has_cache() {
-        return Err(PipelineError::Settings {
-            table: "prior",
-            message: "there is nothing to compute ahead of time: the priors are files, or have no cache".to_owned(),
-            hint: "`source` is \"network\" or \"stereo\", and `cache.limit_gb` above 0",
-        });
+impl PriorStore {
+    /// Priors of a run.
+    pub fn open(settings: &HeightSettings<'_>, survey: &Survey, stage: &SceneStage) -> Result<Self, PipelineError> {
+        let source = settings.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
+        Ok(Self::new(settings, source, survey, KEPT_BYTES))
     }
-    let mut views = match wanted {
-        Wanted::Selected => selected(settings, &survey, &stage),
-        Wanted::AllOblique => survey.views_for_heights().collect(),
-    };
-    let n = views.len();
-    views.rotate_left(start % n.max(1));
-    Ok(compute(&priors, &views, progress))
-}
 
-fn selected<'a>(settings: &HeightSettings<'_>, survey: &'a Survey, stage: &SceneStage) -> Vec<&'a View> {
-    let views = settings.view_inputs(survey, &stage.scene);
-    let problem = Problem {
-        scene: &stage.scene,
-        views: &views,
-        expect_priors: &|_| Vec::new(),
-        without_prior: &|_| None,
-        load_prior: &|_| Err("no prior is asked for".to_owned()),
-        green: &|_| None,
-        former: None,
-        seed: settings.seed,
-        rays: &Rays::new(views.len(), settings.method.optimise.stride_px),
-        progress: &|_, _, _| {},
-    };
-    first_selection(&problem, &settings.method.optimise).into_iter().map(|view| &survey.views[view]).collect()
-}
+    /// One that forgets, where memory is counted.
+    pub fn forgetful(settings: &HeightSettings<'_>, source: Priors, survey: &Survey) -> Self {
+        Self::new(settings, source, survey, 0)
+    }
 
-fn compute(priors: &Priors, views: &[&View], progress: &(dyn Fn(usize, usize) + Sync)) -> PriorsDone {
-    let n_done = AtomicUsize::new(0);
-    let done = || progress(n_done.fetch_add(1, Ordering::Relaxed) + 1, views.len());
-    let results = priors.compute_ahead(views, &done);
-    let count = |wanted: bool| results.iter().filter(|result| **result == Ok(wanted)).count();
-    let mut failed: Vec<(String, String)> = views
-        .iter()
-        .zip(&results)
-        .filter_map(|(view, result)| Some((view.id.to_string(), result.as_ref().err()?.clone())))
-        .collect();
-    failed.sort_unstable();
-    PriorsDone {
-        n_wanted: views.len(),
-        n_found: count(true),
-        n_computed: count(false),
-        n_kept: views.iter().filter(|view| priors.is_kept(view).unwrap_or(false)).count(),
-        failed,
+    fn new(settings: &HeightSettings<'_>, source: Priors, survey: &Survey, kept_bytes: usize) -> Self {
+        let optimise = &settings.method.optimise;
+        let green_px = optimise.leaves_out_vegetation().then_some(optimise.working_px);
+        let bytes_of_one = green_px.map_or(1, |side| (side as usize).pow(2) * 2 / 3).max(1);
+        Self {
+            source,
+            views: survey.views.clone(),
+            kept: Kept::up_to(kept_bytes),
+            green_px,
+            green: Kept::up_to(GREEN_BYTES / bytes_of_one),
+            unread: Mutex::default(),
+        }
+    }
+
+    /// Source that the priors come from.
+    pub fn source(&self) -> &Priors {
+        &self.source
+    }
+
+    /// Whether a view's prior can be had without computing it.
+    pub fn is_at_hand(&self, view: usize) -> bool {
+        self.source.are_at_hand() || self.kept.find(&view).is_some()
+    }
+
+    /// Why a view has no prior, as far as that is known without reading or computing one.
+    pub fn absence(&self, view: usize) -> Option<String> {
+        self.source.absence(&self.views[view]).map(|e| e.to_string())
+    }
+
+    /// The prior of a view by its position, along the optical axis.
+    pub fn load(&self, view: usize) -> Result<DepthPrior, PriorError> {
+        if let Some(prior) = self.kept.find(&view) {
+            return Ok(prior.as_ref().clone());
+        }
+        let of = &self.views[view];
+        let prior = self.source.load(of)?.to_z_depth(&of.camera);
+        if !matches!(self.source, Priors::Files(_)) {
+            self.kept.add(view, prior.clone(), size_of_val(prior.values.data()));
+        }
+        Ok(prior)
+    }
+
+    /// Pixels of a view's photo that are as green as leaves, by its position; `None` where vegetation is not masked, or the photo cannot be read.
+    pub fn green(&self, view: usize) -> Option<Arc<Raster<bool>>> {
+        let (of, long_side_px) = (&self.views[view], self.green_px?);
+        let look = || vegetation::green(of, long_side_px).map(|green| green.map(Arc::new));
+        let found = self.green.get(&view, look);
+        match found {
+            Ok(green) => green.as_ref().clone(),
+            Err(why) => {
+                self.unread.lock().unwrap_or_else(PoisonError::into_inner).insert(view, why.to_string());
+                None
+            }
+        }
+    }
+
+    /// The views whose photos could not be read, by their positions, and why.
+    pub fn unread_photos(&self) -> Vec<(usize, String)> {
+        self.unread.lock().unwrap_or_else(PoisonError::into_inner).clone().into_iter().collect()
+    }
+
+    /// Computes priors that [`Self::load`] will load, into the cache, where several are computed at a time.
+    /// Those that cannot be computed, and why.
+    pub fn expect(&self, views: &[usize], progress: &(dyn Fn(usize, usize) + Sync)) -> Vec<WithoutPrior> {
+        if !self.source.computes_several() {
+            return Vec::new();
+        }
+        let is_new = |view: &usize| self.kept.find(view).is_none();
+        let new: Vec<usize> = views.iter().copied().filter(is_new).collect();
+        let of: Vec<&View> = new.iter().map(|&view| &self.views[view]).collect();
+        let n_done = AtomicUsize::new(0);
+        let done = || progress(n_done.fetch_add(1, Ordering::Relaxed) + 1, new.len());
+        let outcomes = self.source.compute_ahead(&of, &done);
+        new.into_iter().zip(outcomes).filter_map(|(view, outcome)| Some((view, outcome.err()?))).collect()
     }
 }

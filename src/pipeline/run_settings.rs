@@ -3,9 +3,9 @@
 use serde_json::Value;
 
 use super::PipelineError;
-use super::artefact::Artefacts;
-use super::contents::StageFiles;
+use super::artefacts::Artefacts;
 use super::recipes::Decisive;
+use super::recipes::StageFiles;
 use super::settings::{
     DepthKind, DtmSettings, FootprintSettings, GroundSettings, HeightSettings, Origin, OutputSettings, PlaceSettings,
     RecordSettings, SceneSettings, SurveySettings,

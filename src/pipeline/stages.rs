@@ -4,20 +4,17 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use super::heights::{HeightSearch, moved};
-use super::input::{check_fallback, check_settings, unseen};
-use super::issues::all_issues;
-use super::kept::PriorStore;
-use super::lineage::lineage;
-use super::records::{records, reviews_of};
+use super::checks::{check_fallback, check_settings, unseen};
+use super::heights::HeightSearch;
+use super::output::records::{all_issues, records, reviews_of};
+use super::output::summary::{lineage, worst};
+use super::output::{pictures, report, textures, write_results};
+use super::priors::PriorStore;
 use super::scene::SceneStage;
-use super::settings::OutputSettings;
-use super::textures;
-use super::worst::worst;
 use super::{City, Event, FootprintStage, PipelineError, RunOptions, RunSettings, RunSummary, Solver, Stage, Tell};
-use super::{dtm, footprints, pictures, poses, report, soundness};
-use crate::config::{ResultFolder, SAVED_NAME};
-use sizeup_geo::files::{write_json, write_whole};
+use super::{dtm, footprints, survey as survey_stage};
+use crate::config::ResultFolder;
+use sizeup_geo::files::write_json;
 use sizeup_geo::issue::Issue;
 use sizeup_geo::terrain::Terrain;
 use sizeup_geo::unfinished::Unfinished;
@@ -25,7 +22,7 @@ use sizeup_results::output::plausible::CityDoubts;
 use sizeup_results::output::reports::write_issues;
 use sizeup_results::output::reviews::Reviews;
 use sizeup_results::output::unmeasured::unmeasured;
-use sizeup_results::output::{BuildingRecord, CityModel, StatusCount, cityjson, geopackage};
+use sizeup_results::output::{BuildingRecord, CityModel, StatusCount, cityjson};
 use sizeup_survey::{Survey, ViewKind};
 
 pub(super) fn run(
@@ -80,8 +77,9 @@ fn run_marked(
         tell(Event::Stage(Stage::Survey));
         // A terrain model is read around the footprints: the survey is checked again with it.
         let ground = of_survey.terrain.constant_m.map(Terrain::Constant);
-        let survey = soundness::look_over(of_survey, reading.insert(soundness::read(of_survey)?), ground.as_ref())?;
-        let survey = poses::fitted(of_survey, poses::looked_at(of_survey, survey, tell), tell)?;
+        let survey =
+            survey_stage::look_over(of_survey, reading.insert(survey_stage::read(of_survey)?), ground.as_ref())?;
+        let survey = survey_stage::fitted(of_survey, survey_stage::looked_at(of_survey, survey, tell), tell)?;
         artefacts.write_survey(&survey)?;
         timed(Stage::Survey, start);
         survey
@@ -99,8 +97,8 @@ fn run_marked(
         dtm::for_run(&settings.dtm, &survey, tell)?;
         let (footprints, terrain) = footprints::read(&settings.footprints, &survey)?;
         if matches!(terrain, Terrain::Grid(_)) {
-            let reading = reading.take().map_or_else(|| soundness::read(of_survey), Ok)?;
-            survey = poses::as_before(soundness::look_over(of_survey, &reading, Some(&terrain))?, survey);
+            let reading = reading.take().map_or_else(|| survey_stage::read(of_survey), Ok)?;
+            survey = survey_stage::as_before(survey_stage::look_over(of_survey, &reading, Some(&terrain))?, survey);
             // Later stages need the issues of this check, too.
             artefacts.write_survey(&survey)?;
         }
@@ -146,7 +144,7 @@ fn run_marked(
     let mut issues = all_issues(settings.origin.project, &survey, &footprints, &heights);
     issues.extend(reviews.unmatched(records.as_slice())?);
     issues.extend(cityjson::check(&records)?);
-    let moved_survey = moved(&survey, heights.moved_m()).into_owned();
+    let moved_survey = heights.moved(&survey).into_owned();
     let painted = textures::of_run(output.config, &records, &moved_survey, &stage)?;
     issues.extend(painted.iter().flat_map(|(_, textures)| textures.issues.iter().cloned()));
     sum_up(&mut summary, &records, &mut issues);
@@ -202,7 +200,7 @@ fn beside_results(folder: ResultFolder<'_>, until: Stage, name: &str) -> PathBuf
 
 fn summary_of_survey(settings: &RunSettings<'_>, survey: &Survey) -> RunSummary {
     RunSummary {
-        poses: poses::in_words(survey),
+        poses: survey_stage::in_words(survey),
         priors_from: settings.heights.prior.in_words(),
         output: settings.output.folder.path().to_owned(),
         n_views: survey.views.len(),
@@ -234,20 +232,4 @@ fn n_buildings(footprints: &FootprintStage) -> usize {
     let found = layer.footprints.iter().map(|f| f.part_of.as_ref().unwrap_or(&f.id));
     let refused = layer.refused.iter().map(|f| f.part_of.as_ref().unwrap_or(&f.id));
     found.chain(refused).collect::<BTreeSet<_>>().len()
-}
-
-fn write_results(
-    settings: &OutputSettings<'_>,
-    model: &CityModel<'_>,
-    summary: &RunSummary,
-) -> Result<(), PipelineError> {
-    let folder = settings.folder.path();
-    cityjson::write(&folder.join("city.city.json"), model, &settings.config.cityjson)?;
-    geopackage::write(&folder.join("city.gpkg"), model, &settings.config.geopackage)?;
-    dtm::write_project(settings, folder, "city.gpkg", model)?;
-    write_issues(&folder.join("issues.json"), model.issues)?;
-    write_json(&folder.join("lineage.json"), &model.lineage)?;
-    summary.write(folder)?;
-    write_whole(&folder.join(SAVED_NAME), |out| out.write_all(settings.config_toml.as_bytes()))?;
-    Ok(())
 }

@@ -10,11 +10,11 @@ use std::path::PathBuf;
 use geo::BoundingRect as _;
 use serde::{Deserialize, Serialize};
 
-use super::ground::{correct_ground, load_terrain, on_ground, terrain_around};
 use super::heights::HeightSearch;
-use super::issues::view_issues;
-use super::kept::PriorStore;
-use super::records::{records, reviews_of};
+use super::scene::{correct_ground, load_terrain, on_ground, terrain_around};
+
+use super::output::records::{records, reviews_of, view_issues};
+use super::priors::PriorStore;
 use super::scene::SceneStage;
 use super::settings::{FootprintSettings, GroundSettings, HeightSettings};
 use super::stages;

@@ -99,7 +99,8 @@ fn flight(folder: &Path, house: House, has_photos: bool) {
 /// Heights of a flight's houses against what they were made of, and how many roofs are `mixed`.
 fn solved(folder: &Path, settings: &[&str]) -> (HeightEvaluation, usize) {
     let scene = folder.join("scene");
-    let settings: Vec<String> = ["output.pictures=false"].iter().chain(settings).map(|s| (*s).to_owned()).collect();
+    let settings: Vec<String> =
+        ["output.pictures=false", "output.report.page=false"].iter().chain(settings).map(|s| (*s).to_owned()).collect();
     let run = RunConfig::load(&scene.join("sizeup.toml"), &settings).unwrap();
     let options = RunOptions { from: Stage::Survey, until: Stage::Output, command: "test".to_owned() };
     pipeline::run(&run, &options, &|_| {}).unwrap();

@@ -174,7 +174,7 @@ fn the_next_export_sweeps_what_a_killed_one_left() {
 
 #[test]
 fn results_whose_writer_did_not_come_to_its_end_are_marked_until_they_are_whole_again() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     assert!([0, 5].contains(&scene.run(&[]).code));
     let mark = scene.path("result/UNFINISHED.txt");
     assert!(!mark.exists());
@@ -217,7 +217,7 @@ fn kill_when(scene: &Scene, args: &[&str], is_there: impl Fn() -> bool) -> bool 
 
 #[test]
 fn a_run_that_is_killed_before_it_replaces_anything_is_seen_beside_the_older_result() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     assert!([0, 5].contains(&scene.run(&[]).code));
     let read = |name: &str| std::fs::read(scene.path(name)).unwrap();
     let mark = scene.path("result/UNFINISHED.txt");
@@ -248,7 +248,7 @@ fn a_run_that_is_killed_before_it_replaces_anything_is_seen_beside_the_older_res
 
 #[test]
 fn a_second_run_into_one_folder_is_refused_while_the_first_is_alive() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     let mark = scene.path("result/UNFINISHED.txt");
     let mut first = Command::new(env!("CARGO_BIN_EXE_sizeup"))
         .current_dir(scene.path(""))
@@ -274,7 +274,7 @@ fn a_second_run_into_one_folder_is_refused_while_the_first_is_alive() {
 
 #[test]
 fn a_folder_that_cannot_be_written_and_a_full_disk_are_told_with_a_hint() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     let disk = scene.path("disk");
     std::fs::create_dir(&disk).unwrap();
     let in_namespace = |options: &str, script: &str| {

@@ -40,7 +40,7 @@ fn without_threads(mut results: Vec<(String, Vec<u8>)>) -> Vec<(String, Vec<u8>)
 
 #[test]
 fn a_run_writes_the_same_bytes_on_one_thread_and_on_three() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     for preset in ["optimise.preset=robust", "optimise.preset=paper"] {
         let run = |threads: &str| {
             let outcome = scene.run(&["--threads", threads, "--set", preset, "--set", "output.pictures=true"]);
@@ -66,7 +66,7 @@ fn run_stages(scene: &Scene, from: Stage, until: Stage) {
 
 #[test]
 fn stages_run_one_by_one_write_the_bytes_of_a_single_run() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     run_stages(&scene, Stage::Survey, Stage::Output);
     let whole = read_results(&scene);
     run_stages(&scene, Stage::Output, Stage::Output);
@@ -81,7 +81,7 @@ fn stages_run_one_by_one_write_the_bytes_of_a_single_run() {
 
 #[test]
 fn a_result_runs_again_from_its_own_configuration_where_it_was_moved_to() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     run_stages(&scene, Stage::Survey, Stage::Output);
     let whole = read_results(&scene);
     let elsewhere = tempfile::tempdir().unwrap();

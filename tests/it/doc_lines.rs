@@ -91,3 +91,24 @@ fn descriptions_in_schemas_begin_with_what_a_thing_is() {
     }
     assert!(found.is_empty(), "{found:#?}");
 }
+
+/// A crate whose manifest says `doctest = false` has no documentation test that would never run.
+#[test]
+fn crates_that_run_no_documentation_tests_have_none() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let crates = fs::read_dir(root.join("crates")).unwrap().map(|entry| entry.unwrap().path());
+    let is_quiet =
+        |folder: &PathBuf| fs::read_to_string(folder.join("Cargo.toml")).unwrap().contains("doctest = false");
+    let quiet: Vec<PathBuf> = crates.chain([root.join("lab")]).filter(is_quiet).collect();
+    assert!(quiet.len() > 3, "{quiet:?}");
+    let mut files = Vec::new();
+    quiet.iter().for_each(|folder| rust_files(&folder.join("src"), &mut files));
+    for file in files {
+        let text = fs::read_to_string(&file).unwrap();
+        let docs = text.lines().map(str::trim_start).filter(|line| line.starts_with("//!") || line.starts_with("///"));
+        let fences = docs.filter_map(|line| line[3..].trim_start().strip_prefix("```"));
+        // Every second one closes a block.
+        let open: Vec<&str> = fences.step_by(2).collect();
+        assert!(open.iter().all(|language| *language == "text"), "{}: {open:?}", file.display());
+    }
+}

@@ -380,7 +380,7 @@ fn can_run(scene: &Scene, words: &[String]) -> bool {
 
 #[test]
 fn the_commands_of_the_readme_and_the_tutorial_run_in_their_order() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     let mut ran = Vec::new();
     for name in ["README.md", "docs/tutorial.md"] {
         for (line, words) in read(name).commands() {

@@ -412,7 +412,11 @@ pub(super) fn scene(folder: &Path, contour: MaskContour, footprints: &str) {
     let layer = "path = \"footprints.gpkg\"\nid_field = \"id\"\n";
     assert!(text.contains(layer));
     let text = text.replace(layer, footprints);
-    std::fs::write(&path, format!("{text}\n[optimise]\nworking_px = 160\n\n[output]\npictures = false\n")).unwrap();
+    std::fs::write(
+        &path,
+        format!("{text}\n[optimise]\nworking_px = 160\n\n[output]\npictures = false\nreport.page = false\n"),
+    )
+    .unwrap();
 }
 
 pub(super) fn run(folder: &Path, args: &[&str]) -> Outcome {

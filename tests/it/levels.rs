@@ -27,8 +27,11 @@ fn downtown(folder: &Path, seed: u64, n_buildings: usize, n_views: usize) {
 }
 
 fn load(folder: &Path, settings: &[&str]) -> RunConfig {
-    let settings: Vec<String> =
-        settings.iter().chain(&["output.pictures=false", "ground.reference=mean"]).map(|&s| s.to_owned()).collect();
+    let settings: Vec<String> = settings
+        .iter()
+        .chain(&["output.pictures=false", "output.report.page=false", "ground.reference=mean"])
+        .map(|&s| s.to_owned())
+        .collect();
     RunConfig::load(&folder.join("sizeup.toml"), &settings).unwrap()
 }
 

@@ -46,7 +46,12 @@ fn town(change: impl Fn(&mut SimulateConfig)) -> TempDir {
 fn run(scene: &Path, name: &str, more: &[&str]) -> PathBuf {
     let result = scene.join(name);
     let mut command = sizeup();
-    command.arg("run").arg(scene.join("sizeup.toml")).args(["--set", "output.report.page=false"]);
+    command.arg("run").arg(scene.join("sizeup.toml")).args([
+        "--set",
+        "output.report.page=false",
+        "--set",
+        "output.pictures=false",
+    ]);
     command.arg("--set").arg(format!("project.output={}", result.display()));
     let outcome: Outcome = command.args(more.iter().flat_map(|set| ["--set", set])).output().unwrap().into();
     assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
@@ -194,7 +199,8 @@ fn a_run_without_a_terrain_model_makes_one_from_its_photos() {
     assert!(config.contains("dtm = \"dtm.tif\""), "the scene comes with its model");
     // A level that is some metres off at most places, and a model whose heights count from elsewhere. The ground is the
     // same whether roofs are refined or not.
-    let level = run(scene, "level", &["terrain={constant_m=22.0}", "dtm={margin_m=60.0}", BLIND]);
+    let pictured = "output.pictures=true";
+    let level = run(scene, "level", &["terrain={constant_m=22.0}", "dtm={margin_m=60.0}", BLIND, pictured]);
     assert!(
         ground_sigmas_m(&level).iter().all(|sigma_m| (0.1..2.0).contains(sigma_m))
             && ground_sigmas_m(&level).len() >= 11

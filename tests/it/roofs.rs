@@ -31,8 +31,11 @@ fn run(folder: &Path, settings: &[&str]) -> (Value, Value) {
 }
 
 fn config(folder: &Path, settings: &[&str]) -> RunConfig {
-    let settings: Vec<String> =
-        settings.iter().chain(&["output.pictures=false", "ground.reference=mean"]).map(|&s| s.to_owned()).collect();
+    let settings: Vec<String> = settings
+        .iter()
+        .chain(&["output.pictures=false", "output.report.page=false", "ground.reference=mean"])
+        .map(|&s| s.to_owned())
+        .collect();
     RunConfig::load(&folder.join("sizeup.toml"), &settings).unwrap()
 }
 

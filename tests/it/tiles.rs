@@ -108,7 +108,7 @@ fn tiles_find_the_heights_of_a_run_in_one_piece() {
 
 #[test]
 fn a_city_in_tiles_has_a_page_and_a_packed_project_that_are_made_again_where_they_are_gone() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     for id in plan(&scene) {
         assert!([0, 5].contains(&run_tile(&scene, &id).code));
     }
@@ -139,7 +139,7 @@ fn paint(scene: &Scene, stem: &str, colour: [u8; 3]) {
 
 #[test]
 fn photos_lie_under_the_map_of_a_city_in_tiles_and_one_that_changes_makes_its_page_anew() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     fs::create_dir(scene.path("images")).unwrap();
     let stems = scene.stems();
     stems.iter().for_each(|stem| paint(&scene, stem, [90, 120, 60]));
@@ -231,6 +231,8 @@ fn halos_that_cut_through_a_town_leave_its_heights_as_they_are() {
         "--set",
         "output.pictures=false",
         "--set",
+        "output.report.page=false",
+        "--set",
         "optimise.search.calibrate_on=ground",
     ];
     run(&[&["run", "sizeup.toml", "--output", "whole"], &working[..]].concat());
@@ -269,7 +271,8 @@ fn photos_of_all_kinds_refine_roofs_in_tiles_as_in_one_piece_and_a_poisoned_one_
         assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
         outcome
     };
-    let working = ["--set", "optimise.working_px=160", "--set", "output.pictures=false"];
+    let plain = ["--set", "output.pictures=false", "--set", "output.report.page=false"];
+    let working = [&["--set", "optimise.working_px=160"], &plain[..]].concat();
     sizeup(&[&["run", "sizeup.toml", "--output", "whole"], &working[..]].concat());
     sizeup(&[&["run", "sizeup.toml", "--output", "tiled", "--tiled", "--size", SIZE], &working[..]].concat());
     let read = |name: &str| heights(&folder.path().join(name));

@@ -40,7 +40,11 @@ fn town(n_buildings: usize) -> Scene {
     simulate(&config, folder.path(), &|_, _| {}).unwrap();
     let path = folder.path().join("sizeup.toml");
     let text = fs::read_to_string(&path).unwrap();
-    fs::write(&path, format!("{text}\n[optimise]\nworking_px = 80\n\n[output]\npictures = false\n")).unwrap();
+    fs::write(
+        &path,
+        format!("{text}\n[optimise]\nworking_px = 80\n\n[output]\npictures = false\nreport.page = false\n"),
+    )
+    .unwrap();
     let scene = Scene::of(folder);
     scene.change_footprints(|features| {
         // Attributes that not all have, so that a reader meets them in another order when the listing has another.

@@ -45,7 +45,7 @@ fn run_rest(scene: &Scene) -> Vec<String> {
 
 #[test]
 fn tiles_and_merges_that_are_killed_leave_the_city_as_if_they_had_not_been() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     let expected = undisturbed(&scene);
     let ids = plan(&scene);
     // At many moments, so that some lie in the middle of the work and some in the middle of writing.
@@ -68,7 +68,7 @@ fn tiles_and_merges_that_are_killed_leave_the_city_as_if_they_had_not_been() {
 
 #[test]
 fn a_merge_that_is_killed_is_seen_in_the_status_until_it_is_merged_again() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     plan(&scene);
     run_rest(&scene);
     merge(&scene, &[]);
@@ -94,7 +94,7 @@ fn a_merge_that_is_killed_is_seen_in_the_status_until_it_is_merged_again() {
 
 #[test]
 fn two_runners_of_one_tile_take_turns() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     let expected = undisturbed(&scene);
     for id in plan(&scene) {
         let args = ["tiles", "run", "city", "--tile", &id];
@@ -113,7 +113,7 @@ fn two_runners_of_one_tile_take_turns() {
 
 #[test]
 fn a_runner_that_was_killed_holds_no_lock() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     let ids = plan(&scene);
     kill_after(&scene, &["tiles", "run", "city", "--tile", &ids[0]], 60);
     let told = scene.sizeup(&["tiles", "status", "city"]);
@@ -122,7 +122,7 @@ fn a_runner_that_was_killed_holds_no_lock() {
 
 #[test]
 fn a_full_disk_fails_the_tile_and_leaves_those_that_are_done() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     let expected = undisturbed(&scene);
     let ids = plan(&scene);
     run_tile(&scene, &ids[0]);
@@ -145,7 +145,7 @@ fn a_full_disk_fails_the_tile_and_leaves_those_that_are_done() {
 
 #[test]
 fn a_poisoned_prior_is_an_issue_of_its_photo_and_of_the_tiles_that_see_it() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     let ids = plan(&scene);
     run_rest(&scene);
     let stem = scene.stems().into_iter().find(|stem| stem.contains("oblique")).unwrap();
@@ -170,7 +170,7 @@ fn a_poisoned_prior_is_an_issue_of_its_photo_and_of_the_tiles_that_see_it() {
 
 #[test]
 fn times_of_files_decide_nothing() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     let ids = plan(&scene);
     run_rest(&scene);
     let touch = |path: PathBuf, time: SystemTime| {
@@ -195,7 +195,7 @@ fn times_of_files_decide_nothing() {
 
 #[test]
 fn a_tile_whose_buildings_are_gone_is_done_and_empty_once_that_is_planned() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     scene.change_footprints(|_| {});
     let ids = plan(&scene);
     // After the plan the layer loses all but its last building.
@@ -218,7 +218,7 @@ fn a_tile_whose_buildings_are_gone_is_done_and_empty_once_that_is_planned() {
 
 #[test]
 fn a_pool_of_processes_makes_the_same_city_and_starts_nothing_that_does_not_fit() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     let expected = undisturbed(&scene);
     let tiled = ["--output", "city", "--tiled", "--size", SIZE, "--jobs", "2"];
     let refused = scene.run(&[&tiled[..], &["--total-memory", "10"]].concat());

@@ -27,6 +27,9 @@ pub fn config() -> SimulateConfig {
     config
 }
 
+/// Runs write no report: its page takes as long as the heights of so few buildings.
+const NO_PAGE: &str = "report.page = false\n";
+
 fn original() -> &'static Path {
     static SCENE: OnceLock<TempDir> = OnceLock::new();
     let scene = SCENE.get_or_init(|| {
@@ -35,7 +38,8 @@ fn original() -> &'static Path {
         // Low resolution wherever the scene is run.
         let path = folder.path().join("sizeup.toml");
         let text = fs::read_to_string(&path).unwrap();
-        fs::write(&path, format!("{text}\n[optimise]\nworking_px = 160\n\n[output]\npictures = false\n")).unwrap();
+        fs::write(&path, format!("{text}\n[optimise]\nworking_px = 160\n\n[output]\npictures = false\n{NO_PAGE}"))
+            .unwrap();
         folder
     });
     scene.path()
@@ -98,6 +102,13 @@ impl Scene {
         let folder = tempfile::tempdir().unwrap();
         copy(original(), folder.path());
         Self { folder }
+    }
+
+    /// A copy whose runs write the page of the report too.
+    pub fn with_page() -> Self {
+        let scene = Self::new();
+        scene.edit("sizeup.toml", |text| text.replace(NO_PAGE, ""));
+        scene
     }
 
     /// One that a test has made itself.

@@ -375,11 +375,12 @@ fn sorted(mut faults: Vec<(String, String)>) -> Vec<(String, String)> {
     faults
 }
 
-/// Writes so many houses, each in its own place, that a file of them is several parts; its text.
+/// Writes so many bytes of houses, each in its own place and with a long note, that a file of them is several parts; its text.
 fn write_long_town(path: &Path) -> String {
     let mut town = town();
-    let house = town.records[0].clone();
-    town.records.extend((0..1250).map(|i| sizeup::output::BuildingRecord {
+    let mut house = town.records[0].clone();
+    house.attributes.insert("note".to_owned(), "x".repeat(17_000).into());
+    town.records.extend((0..LAST_HOUSE + 1).map(|i| sizeup::output::BuildingRecord {
         id: format!("h{i}"),
         footprint: house.footprint.as_ref().map(|f| geo::Translate::translate(f, 30.0 * f64::from(i), 500.0)),
         ..house.clone()
@@ -390,6 +391,9 @@ fn write_long_town(path: &Path) -> String {
     assert!(text.len() > 2 << 20, "{} bytes are one part", text.len());
     text
 }
+
+/// Number of the last house of [`write_long_town`]; the first is 0.
+const LAST_HOUSE: u32 = 129;
 
 type Alter<'a> = &'a dyn Fn(&mut serde_json::Value);
 
@@ -404,7 +408,7 @@ fn a_file_in_parts_has_the_faults_of_the_whole_in_the_same_words() {
     let set = |c: &mut Value, place: &str, value: Value| *c.pointer_mut(place).unwrap() = value;
     let n = sound["vertices"].as_array().unwrap().len();
     let add = |c: &mut Value, i: i32| c["vertices"].as_array_mut().unwrap().push(json!([i, -9, -9]));
-    let last = "/CityObjects/h1249/geometry/0";
+    let (last_id, last) = (format!("h{LAST_HOUSE}"), format!("/CityObjects/h{LAST_HOUSE}/geometry/0"));
     let faults: [(&str, Alter<'_>); 22] = [
         ("schema", &|c| set(c, "/CityObjects/h0/type", json!("House"))),
         ("schema", &|c| set(c, &format!("{last}/lod"), json!(1.2))),
@@ -418,17 +422,17 @@ fn a_file_in_parts_has_the_faults_of_the_whole_in_the_same_words() {
         ("schema", &|c| c["CityObjects"] = json!([1, 2])),
         ("schema", &|c| c["version"] = json!("3.0")),
         ("schema", &|c| c["type"] = json!("FeatureCollection")),
-        ("extensions", &|c| set(c, "/CityObjects/h1249/attributes/+sizeup-height_m", json!("tall"))),
+        ("extensions", &|c| set(c, &format!("/CityObjects/{last_id}/attributes/+sizeup-height_m"), json!("tall"))),
         ("extensions", &|c| {
-            for id in ["h0", "h1249"] {
+            for id in ["h0", &last_id] {
                 c["CityObjects"][id]["attributes"]["+unheard-of"] = json!(1);
             }
         }),
         ("extensions", &|c| c["+extra"] = json!(1)),
         ("parents_children_consistency", &|c| {
             // The first and the last object: never in one part.
-            c["CityObjects"]["h0"]["children"] = json!(["h1249", "nobody"]);
-            c["CityObjects"]["h1249"]["parents"] = json!(["h1", "no one"]);
+            c["CityObjects"]["h0"]["children"] = json!([last_id, "nobody"]);
+            c["CityObjects"][&last_id]["parents"] = json!(["h1", "no one"]);
         }),
         ("wrong_vertex_index", &|c| {
             set(c, "/CityObjects/h0/geometry/0/boundaries/0/1/0/0", json!(n));
@@ -460,7 +464,7 @@ fn a_broken_file_is_told_in_the_words_for_the_whole() {
     let path = folder.path().join("town.city.json");
     let text = write_long_town(&path);
     for (what, broken) in [
-        ("an id twice, first and last", text.replacen("\"h1249\":", "\"h0\":", 1)),
+        ("an id twice, first and last", text.replacen(&format!("\"h{LAST_HOUSE}\":"), "\"h0\":", 1)),
         ("cut off", text[..text.len() / 2].to_owned()),
         ("more than one document", text.clone() + "}"),
         ("a brace missing", text.replacen(":{", ":", 1)),

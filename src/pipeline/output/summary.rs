@@ -1,18 +1,26 @@
-//! The one thing to know of a run that did not go well.
+//! Summary of a run: the one thing to know where it did not go well, and the origin of its results.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 
+use super::super::recipes::{files_of, footprint_files};
+use super::super::settings::Origin;
+use super::super::{HeightStage, PipelineError, RunSettings};
+use sizeup_geo::files::FileError;
+use sizeup_geo::geodata::source;
 use sizeup_geo::issue::{Issue, Severity, Subject};
+use sizeup_photos::prior::Priors;
 use sizeup_results::output::unmeasured::{in_words, is_of_fallback};
-use sizeup_results::output::{BuildingRecord, Status};
+use sizeup_results::output::{BuildingRecord, InputFile, Lineage, Status};
+use sizeup_survey::{Survey, flight_day};
 
 /// Weight of a height that is not there against one that is doubtful.
 const WEIGHT_WITHOUT: usize = 2;
 
 /// The most important problem in one sentence; `None` where there is none: what others follow from, or heights that
 /// could not be measured or are doubtful, whichever weighs more, or the gravest of the other issues.
-pub(super) fn worst(records: &[BuildingRecord], issues: &[Issue]) -> Option<String> {
+pub(in crate::pipeline) fn worst(records: &[BuildingRecord], issues: &[Issue]) -> Option<String> {
     // An implausible result has a cause that says more, if one is known.
     let is_effect = |issue: &Issue| issue.code == "result_implausible";
     let of_the_whole = issues.iter().filter(|issue| issue.is_of_the_whole());
@@ -63,6 +71,69 @@ fn not_measured(records: &[BuildingRecord]) -> Option<String> {
 /// The building of the input that a record is of.
 fn building_of(record: &BuildingRecord) -> &str {
     record.part_of.as_deref().unwrap_or(&record.id)
+}
+
+/// Origin of a run's results: the files that it read, and its settings.
+pub(in crate::pipeline) fn lineage(
+    settings: &RunSettings<'_>,
+    command: &str,
+    survey: &Survey,
+    heights: &HeightStage,
+    priors: &Priors,
+) -> Result<Lineage, PipelineError> {
+    let mut files: BTreeSet<(&str, PathBuf)> = BTreeSet::new();
+    files.extend(files_of(&settings.survey.config.path).into_iter().map(|path| ("survey", path)));
+    let footprint_files = footprint_files(settings.footprints.source, survey);
+    files.extend(footprint_files.iter().flat_map(|path| source::files_of(path)).map(|path| ("footprints", path)));
+    files.extend(
+        settings
+            .footprints
+            .ground
+            .terrain
+            .dtm
+            .iter()
+            .flat_map(|path| source::files_of(path))
+            .map(|path| ("terrain", path)),
+    );
+    files.extend(settings.reviews.iter().map(|reviews| ("reviews", reviews.path.clone())));
+    for &view in &heights.solution.used_views {
+        files.extend(priors.file_of(&survey.views[view])?.map(|path| ("prior", path)));
+    }
+    let hashed = |(role, path): &(&str, PathBuf)| -> Result<InputFile, FileError> {
+        let path_saved = settings.output.folder.saved(path).display().to_string();
+        Ok(InputFile { path: path_saved, ..InputFile::hash(role, path)? })
+    };
+    let inputs: Result<Vec<InputFile>, FileError> =
+        files.iter().filter(|(_, path)| path.is_file()).map(hashed).collect();
+    let photos = survey.views.iter().filter_map(|view| view.image.as_ref());
+    Ok(settings.origin.lineage(command, inputs?).of_day(|| flight_day(photos)))
+}
+
+impl Origin<'_> {
+    /// Lineage of a result that was made from some files.
+    #[must_use]
+    pub fn lineage(&self, command: &str, inputs: Vec<InputFile>) -> Lineage {
+        let crs = &self.project.crs;
+        let vertical = self.project.vertical_reference.clone();
+        Lineage {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            commit: crate::recipe::commit().map(str::to_owned),
+            command: command.to_owned(),
+            config_sha256: self.config_sha256.clone(),
+            inputs,
+            crs: crs.definition().to_owned(),
+            vertical_reference: vertical
+                .or_else(|| crs.vertical_name().map(str::to_owned))
+                .unwrap_or_else(|| "not stated".to_owned()),
+            height_definition: format!(
+                "roof level minus ground level; ground level: {}; roof level: mean over the roof",
+                serde_json::to_string(&self.ground.reference).unwrap_or_default().trim_matches('"')
+            ),
+            seed: self.seed,
+            reference_date: self.project.reference_date.clone(),
+            source: None,
+        }
+    }
 }
 
 #[cfg(test)]

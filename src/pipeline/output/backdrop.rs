@@ -26,7 +26,7 @@ const PHOTOS_AT_A_TIME: usize = 4;
 
 /// How many photos are worth reading: each takes about half a second.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Effort {
+pub(in crate::pipeline) struct Effort {
     /// Photos that are read, at most.
     most_photos: usize,
     /// Places along the longer side of the town at which it is counted what a photo adds.
@@ -36,12 +36,12 @@ pub(super) struct Effort {
 }
 
 /// For what one run computes.
-pub(super) const TOWN: Effort = Effort { most_photos: 16, n_places: 48, least_gain: 0.01 };
+pub(in crate::pipeline) const TOWN: Effort = Effort { most_photos: 16, n_places: 48, least_gain: 0.01 };
 /// For a city of tiles, of which a photo shows little: a minute of two cores at most.
-pub(super) const CITY: Effort = Effort { most_photos: 256, n_places: 128, least_gain: 0.001 };
+pub(in crate::pipeline) const CITY: Effort = Effort { most_photos: 256, n_places: 128, least_gain: 0.001 };
 
 /// Whether nothing stands between an eye and a place, both in the map frame.
-pub(super) type Sight<'a> = &'a (dyn Fn(DVec3, DVec3) -> bool + Sync);
+pub(in crate::pipeline) type Sight<'a> = &'a (dyn Fn(DVec3, DVec3) -> bool + Sync);
 
 /// Side of the blocks of pixels that one photo shows, where it is asked what it sees: a ray for each pixel would take most of the time.
 const BLOCK_PX: u32 = 4;
@@ -53,7 +53,7 @@ const LEAST_MARGIN_M: f64 = 15.0;
 const LEAST_PX_M: f64 = 0.05;
 
 /// The views whose photos may be laid there.
-pub(super) fn at_hand(views: &[View]) -> impl Iterator<Item = &View> {
+pub(in crate::pipeline) fn at_hand(views: &[View]) -> impl Iterator<Item = &View> {
     at_hand_of(views, ViewKind::Nadir)
 }
 
@@ -65,7 +65,7 @@ fn at_hand_of(views: &[View], kind: ViewKind) -> impl Iterator<Item = &View> {
 
 /// Lays photos under the footprints, the longer side of the picture at most `longest_px`; `None` where no nadir photo is at
 /// hand that shows any of it.
-pub(super) fn lay(
+pub(in crate::pipeline) fn lay(
     views: &[View],
     records: &[BuildingRecord],
     terrain: &Terrain,
@@ -80,7 +80,7 @@ pub(super) fn lay(
 
 /// Lays photos there with pixels of this size, metres, only where buildings do not hide the ground from them: nadir photos, and
 /// oblique ones where those do not reach. `None` where no photo at hand shows any of it.
-pub(super) fn lay_where_seen(
+pub(in crate::pipeline) fn lay_where_seen(
     views: &[View],
     records: &[BuildingRecord],
     terrain: &Terrain,

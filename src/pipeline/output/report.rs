@@ -3,11 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use super::ground::load_terrain;
-use super::kept::PriorStore;
-use super::scene::SceneStage;
-use super::settings::{HeightSettings, OutputSettings};
-use super::{HeightStage, PipelineError, backdrop, evidence, overview};
+use super::super::priors::PriorStore;
+use super::super::scene::SceneStage;
+use super::super::scene::load_terrain;
+use super::super::settings::{HeightSettings, OutputSettings};
+use super::super::{HeightStage, PipelineError};
+use super::{backdrop, evidence, overview};
 use sizeup_geo::terrain::Terrain;
 use sizeup_heights::ids::BuildingId;
 use sizeup_heights::optimise::{EpochRecord, LevelGain};
@@ -20,7 +21,7 @@ use sizeup_survey::{Survey, SurveyReport, View};
 const BACKDROP_PX: u32 = 1400;
 
 /// Writes `report.html` beside the results.
-pub(super) fn write(
+pub(in crate::pipeline) fn write(
     (settings, search): (&OutputSettings<'_>, &HeightSettings<'_>),
     model: &CityModel<'_>,
     stage: &SceneStage,

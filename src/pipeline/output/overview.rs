@@ -52,7 +52,7 @@ struct PixelSight {
 }
 
 /// Draws a scene with its heights; buildings without one as low grey blocks.
-pub(super) fn draw(scene: &Scene, solved: &[SolvedHeight]) -> RgbImage {
+pub(in crate::pipeline) fn draw(scene: &Scene, solved: &[SolvedHeight]) -> RgbImage {
     let heights_m: Vec<f32> = solved.iter().map(|s| s.height_m.map_or(scene.bounds.min_m, |h| h as f32)).collect();
     let colours = solved.iter().map(|s| s.height_m.map_or(NO_VALUE, height_colour)).collect();
     let is_doubtful = |face: Option<(u32, u32)>| {

@@ -6,10 +6,10 @@ use glam::{DVec2, DVec3, Vec2};
 use image::RgbImage;
 use rayon::prelude::*;
 
-use super::HeightStage;
-use super::kept::PriorStore;
-use super::scene::SceneStage;
-use super::settings::HeightSettings;
+use super::super::HeightStage;
+use super::super::priors::PriorStore;
+use super::super::scene::SceneStage;
+use super::super::settings::HeightSettings;
 use sizeup_heights::optimise::{InspectedView, Inspection, Problem, Rays, SolvedHeight, inspect};
 use sizeup_heights::raster::Raster;
 use sizeup_heights::render::PlacedCamera;
@@ -39,7 +39,7 @@ const DEPTH_SHARE: f64 = 0.5;
 const NEIGHBOURHOOD_M: f32 = 150.0;
 
 /// Gathers what there is to see of the buildings that deserve it most.
-pub(super) fn gather(
+pub(in crate::pipeline) fn gather(
     settings: &HeightSettings<'_>,
     survey: &Survey,
     stage: &SceneStage,

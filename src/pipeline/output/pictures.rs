@@ -1,35 +1,28 @@
 //! Pictures of a run: the map, the proxies drawn over photos, and one view's depth beside its prior.
 
-use geo::line_measures::{Densify as _, Euclidean};
-use geo_types::{Coord, Polygon};
-use glam::{DVec2, DVec3, Vec2};
+use glam::{DVec3, Vec2};
 use image::RgbImage;
-use rayon::prelude::*;
 
-use super::kept::PriorStore;
-use super::scene::SceneStage;
-use super::{HeightStage, PipelineError};
-use sizeup_footprints::Detection;
+use super::super::priors::PriorStore;
+use super::super::scene::SceneStage;
+use super::super::{HeightStage, PipelineError};
 use sizeup_geo::template::name_among;
-use sizeup_geo::terrain::Terrain;
 use sizeup_heights::raster::Raster;
 use sizeup_heights::render::PlacedCamera;
 use sizeup_heights::render::image::SceneTracer;
 use sizeup_photos::prior::DepthPrior;
 use sizeup_results::output::CityModel;
-use sizeup_results::output::picture::colour::{ROOF, Rgb, WALL};
+use sizeup_results::output::picture::colour::{ROOF, WALL};
 use sizeup_results::output::picture::{self, MapConfig, OverlayConfig, PanelConfig, PanelDepths, Polyline, photo_of};
-use sizeup_survey::{Survey, View, ViewKind};
+use sizeup_survey::{Survey, View};
 
 /// Photos with the proxies drawn over them.
 const N_OVERLAYS: usize = 3;
-/// Nadir photos with their footprints drawn over them, at most: a city has thousands.
-const MOST_FOOTPRINT_OVERLAYS: usize = 40;
 /// Longer side of the rendered depth beside the prior, pixels.
 const PANEL_PX: u32 = 640;
 
 /// Draws everything into `pictures/` beside the results.
-pub(super) fn write(
+pub(in crate::pipeline) fn write(
     folder: &std::path::Path,
     model: &CityModel<'_>,
     stage: &SceneStage,
@@ -57,67 +50,10 @@ pub(super) fn write(
     Ok(())
 }
 
-/// Draws the footprints over nadir photos, into `pictures/footprints-*.png`: over all of them, or where there are many over
-/// some, evenly spread over the flight.
-pub(super) fn footprints(
-    folder: &std::path::Path,
-    found: &Detection,
-    survey: &Survey,
-    terrain: &Terrain,
-) -> Result<(), PipelineError> {
-    let folder = folder.join("pictures");
-    let nadir: Vec<usize> = (0..survey.views.len()).filter(|&i| survey.views[i].kind() == ViewKind::Nadir).collect();
-    spread(&nadir, MOST_FOOTPRINT_OVERLAYS).into_par_iter().try_for_each(|i| {
-        let view = &survey.views[i];
-        let mut lines: Vec<Polyline> = Vec::new();
-        let own = found.candidates.iter().filter(|c| c.view == i);
-        for polygon in own.flat_map(|c| &c.shape.0) {
-            lines.extend(ground_lines(view, polygon, terrain, CANDIDATE));
-        }
-        for footprint in &found.layer.footprints {
-            lines.extend(ground_lines(view, &footprint.polygon, terrain, FOOTPRINT));
-        }
-        let name = format!("footprints-{}.png", name_among(&view.id.0, names(survey)));
-        let key = [("footprint", FOOTPRINT), ("this photo's mask", CANDIDATE)];
-        let overlay = picture::overlay(&photo_of(view)?, &lines, &key, &OverlayConfig::default());
-        picture::write_png(&folder.join(name), &overlay).map_err(PipelineError::from)
-    })
-}
-
 /// Names of all photos.
 fn names(survey: &Survey) -> impl Iterator<Item = &str> {
     survey.views.iter().map(|view| view.id.0.as_str())
 }
-
-/// At most so many of a list, evenly spread, the first and the last among them.
-fn spread(all: &[usize], most: usize) -> Vec<usize> {
-    if all.len() <= most {
-        return all.to_vec();
-    }
-    (0..most).map(|i| all[i * (all.len() - 1) / (most - 1).max(1)]).collect()
-}
-
-/// A polygon's rings as a view sees them on the ground; nothing where it lies outside the photo.
-fn ground_lines(view: &View, polygon: &Polygon<f64>, terrain: &Terrain, colour: Rgb) -> Vec<Polyline> {
-    /// Longest straight piece: beyond it the ground and the lens bend a line visibly, metres.
-    const PIECE_M: f64 = 4.0;
-    let project = |c: &Coord<f64>| {
-        let z = terrain.height_at(c.x, c.y)?;
-        view.camera.project(view.camera_from_map.point(DVec3::new(c.x, c.y, z)))
-    };
-    let rings = std::iter::once(polygon.exterior()).chain(polygon.interiors());
-    let lines = rings.filter_map(|ring| {
-        let dense = Euclidean.densify(ring, PIECE_M);
-        let points: Vec<DVec2> = dense.0.iter().map(project).collect::<Option<_>>()?;
-        let is_inside = points.iter().any(|p| view.camera.contains(*p));
-        is_inside.then(|| Polyline { points_px: points.iter().map(DVec2::to_array).collect(), colour })
-    });
-    lines.collect()
-}
-
-/// Colour of footprints and of single photos' masks.
-const FOOTPRINT: Rgb = [253, 231, 37];
-const CANDIDATE: Rgb = [64, 190, 200];
 
 /// The views used for most buildings first; ties by position.
 fn telling_views(survey: &Survey, heights: &HeightStage) -> Vec<usize> {
@@ -138,7 +74,7 @@ fn panel(view: &View, stage: &SceneStage, heights_m: &[f32], prior: &DepthPrior)
 }
 
 /// Photo, rendered depth and prior side by side.
-pub(super) fn panel_of(
+pub(in crate::pipeline) fn panel_of(
     view: &View,
     rendered_m: &Raster<f32>,
     prior: &DepthPrior,

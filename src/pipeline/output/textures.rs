@@ -7,12 +7,12 @@ use std::path::Path;
 use glam::DVec3;
 use serde::Serialize;
 
-use super::heights::moved;
-use super::input::check_settings;
+use super::super::checks::check_settings;
+use super::super::scene::SceneStage;
+use super::super::settings::OutputSettings;
+use super::super::{FootprintStage, PipelineError, RunSettings, Stage};
+use super::backdrop;
 use super::records::{records, reviews_of};
-use super::scene::SceneStage;
-use super::settings::OutputSettings;
-use super::{FootprintStage, PipelineError, RunSettings, Stage, backdrop};
 use crate::config::{FootprintPlace, OutputConfig};
 use sizeup_geo::files::FileError;
 use sizeup_geo::issue::Issue;
@@ -58,7 +58,7 @@ pub struct TextureScene {
 
 impl TextureScene {
     /// The scene of the records of a run.
-    pub(super) fn new(
+    pub(in crate::pipeline) fn new(
         output: &OutputConfig,
         records: &[BuildingRecord],
         survey: &Survey,
@@ -68,7 +68,7 @@ impl TextureScene {
     }
 
     /// As [`Self::new`], of some buildings beside others.
-    pub(super) fn beside(
+    pub(in crate::pipeline) fn beside(
         output: &OutputConfig,
         (records, others): (&[BuildingRecord], &[BuildingRecord]),
         survey: &Survey,
@@ -103,7 +103,7 @@ impl TextureScene {
         let (heights, stage) = SceneStage::of_heights(&settings.heights.scene, &survey, &mut footprints, heights)?;
         let reviews = reviews_of(settings.reviews)?;
         let records = records((&settings.records, stage.scene.bounds), &survey, &footprints, &heights, &reviews);
-        Self::new(settings.output.config, &records, &moved(&survey, heights.moved_m()), &stage)
+        Self::new(settings.output.config, &records, &heights.moved(&survey), &stage)
     }
 
     /// The ground with the nadir photos laid on it; `None` where none shows it.
@@ -230,7 +230,7 @@ impl TextureSummary {
 }
 
 /// Textures of a run's city, where they are asked for.
-pub(super) fn of_run(
+pub(in crate::pipeline) fn of_run(
     output: &OutputConfig,
     records: &[BuildingRecord],
     survey: &Survey,
@@ -252,7 +252,7 @@ pub struct PaintedTile {
 
 impl PaintedTile {
     /// Textures of a tile's own buildings; the others hide what is behind them.
-    pub(super) fn new(
+    pub(in crate::pipeline) fn new(
         output: &OutputConfig,
         records: (&[BuildingRecord], &[BuildingRecord]),
         survey: &Survey,
@@ -281,7 +281,7 @@ impl PaintedTile {
 }
 
 /// Writes the textured city beside the results, or removes that of an earlier run.
-pub(super) fn write_or_remove(
+pub(in crate::pipeline) fn write_or_remove(
     output: &OutputSettings<'_>,
     model: &CityModel<'_>,
     painted: Option<&(TextureScene, Textures)>,
