@@ -8,6 +8,7 @@
 //!   roofType                  code of the roof's form in ALKIS, as AdV's profile has it: 1000 flat, 3100 gable, 3200 hip, 5000 mixed
 //!   measuredHeight            height above ground of the highest place of the roof, metres
 //!   storeysAboveGround        estimated ([`super::attributes`])
+//!   RoofSurface               one for each plane of the roof, with area, slope and aspect as generic attributes
 //!   lod1Solid, lod2Solid      the second by reference to the faces of the thematic surfaces
 //!   lod1TerrainIntersection   outline of the ground face: where the walls of the solid end
 //! ```
@@ -27,7 +28,7 @@ use super::footprints::LIST_SEPARATOR;
 use super::grid::{OutputGrid, SCALE_M};
 use super::mesh::cannot_write;
 use super::prism::{FaceKind, GridFace, MIN_THICKNESS_M};
-use super::roof_solid::{self, Detail};
+use super::roof_solid::RoofSurface;
 use super::{BuildingRecord, CityModel, Families, OutputError, Overview, Records, RoofForm};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::write_whole_or;
@@ -152,8 +153,8 @@ impl GmlWriter<'_> {
             out.write_all(b"</gml:CompositeSurface></gml:exterior></gml:Solid></bldg:lod1Solid>\n")?;
             self.terrain_intersection(out, &block)?;
             if self.has_roofs {
-                let roofed = roof_solid::faces(record, &prism, self.grid, Detail::Slopes).unwrap_or(block);
-                self.thematic(out, &id, &roofed)?;
+                let faces = facts.roofed.as_ref().unwrap_or(&block);
+                self.thematic(out, &id, faces, &facts.planes_of(record, faces, self.grid))?;
             }
         }
         writeln!(out, "</bldg:{kind}>")
@@ -172,24 +173,26 @@ impl GmlWriter<'_> {
         out.write_all(b"</gml:MultiCurve></bldg:lod1TerrainIntersection>\n")
     }
 
-    /// The solid with its roof, and the surfaces that it is made of.
-    fn thematic(&self, out: &mut dyn Write, id: &str, faces: &[GridFace]) -> io::Result<()> {
+    /// The solid with its roof, and the surfaces that it is made of: one for each plane of the roof and each wall.
+    fn thematic(&self, out: &mut dyn Write, id: &str, faces: &[GridFace], planes: &[RoofSurface]) -> io::Result<()> {
         out.write_all(b"<bldg:lod2Solid><gml:Solid><gml:exterior><gml:CompositeSurface>\n")?;
         for i in 0..faces.len() {
             writeln!(out, "<gml:surfaceMember xlink:href=\"#{id}_face{i}\"/>")?;
         }
         out.write_all(b"</gml:CompositeSurface></gml:exterior></gml:Solid></bldg:lod2Solid>\n")?;
-        for (i, face) in faces.iter().enumerate() {
-            let kind = match face.surface {
+        let in_planes: Vec<usize> = planes.iter().flat_map(|plane| plane.faces.iter().copied()).collect();
+        let alone = (0..faces.len()).filter(|i| !in_planes.contains(i)).map(|i| (vec![i], JsonMap::new()));
+        let of_planes = planes.iter().map(|plane| (plane.faces.clone(), plane.facet.attributes()));
+        for (i, (members, attributes)) in alone.chain(of_planes).enumerate() {
+            let kind = match faces[members[0]].surface {
                 FaceKind::Ground => "GroundSurface",
                 FaceKind::Roof => "RoofSurface",
                 FaceKind::Wall => "WallSurface",
             };
-            writeln!(
-                out,
-                "<bldg:boundedBy><bldg:{kind} gml:id=\"{id}_surface{i}\"><bldg:lod2MultiSurface><gml:MultiSurface>"
-            )?;
-            self.member(out, face, Some(&format!("{id}_face{i}")))?;
+            writeln!(out, "<bldg:boundedBy><bldg:{kind} gml:id=\"{id}_surface{i}\">")?;
+            generics(out, &attributes)?;
+            writeln!(out, "<bldg:lod2MultiSurface><gml:MultiSurface>")?;
+            members.iter().try_for_each(|i| self.member(out, &faces[*i], Some(&format!("{id}_face{i}"))))?;
             writeln!(out, "</gml:MultiSurface></bldg:lod2MultiSurface></bldg:{kind}></bldg:boundedBy>")?;
         }
         Ok(())

@@ -71,6 +71,7 @@ use sizeup_survey::Survey;
 pub use buildings::{Families, Family, Overview, Records};
 pub use count::StatusCount;
 pub use error::{MalformedFile, OutputError};
+pub use footprints::FootprintRows;
 pub use lineage::{InputFile, Lineage, sha256_hex};
 pub use record::{BuildingRecord, RoofShape, Status};
 pub use sizeup_heights::scene::{HeightReference, RoofForm};

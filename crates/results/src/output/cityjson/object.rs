@@ -9,7 +9,7 @@ use super::super::facts::SolidFacts;
 use super::super::footprint::SnappedFootprint;
 use super::super::grid::OutputGrid;
 use super::super::prism::{FaceKind, GridFace};
-use super::super::roof_solid::{self, Detail};
+use super::super::roof_solid::{self, Detail, RoofSurface};
 use super::super::textured::Painting;
 use super::super::{BuildingRecord, Status};
 use super::names::{self, AttributeNames};
@@ -104,24 +104,25 @@ impl ObjectSettings<'_> {
         match prism {
             Ok(prism) => {
                 let block = prism.faces();
-                let roofed = roof_solid::faces(record, &prism, self.grid, Detail::Slopes);
-                let top = roofed.iter().flatten().flat_map(|face| face.rings.iter().flatten()).map(|p| p[2]);
+                let roofed = facts.roofed.as_ref();
+                let top = roofed.into_iter().flatten().flat_map(|face| face.rings.iter().flatten()).map(|p| p[2]);
                 let top = top.fold(prism.roof(), i64::max);
                 object["geographicalExtent"] = json!(extent(prism.footprint(), prism.base(), top, self.grid));
-                let mut solid = |lod: &str, faces: &[GridFace]| {
-                    let mut solid = solid(lod, faces, pool);
+                let mut solid = |lod: &str, faces: &[GridFace], planes: &[RoofSurface]| {
+                    let mut solid = solid(lod, faces, self.surfaces(faces, planes), pool);
                     if let Some(painting) = self.painting {
                         painting.paint(&record.id, faces, &mut solid);
                     }
                     solid
                 };
-                let mut geometry = vec![solid("1.2", &block)];
+                let mut geometry = vec![solid("1.2", &block, &[])];
                 if self.has_roofs {
                     // A block where the roof is flat or not known, or makes no solid with the footprint: who takes one of these
                     // levels has all buildings.
                     let levelled = roof_solid::faces(record, &prism, self.grid, Detail::Levels);
-                    geometry.push(solid("1.3", levelled.as_ref().unwrap_or(&block)));
-                    geometry.push(solid("2.0", roofed.as_ref().unwrap_or(&block)));
+                    geometry.push(solid("1.3", levelled.as_ref().unwrap_or(&block), &[]));
+                    let roofed = roofed.unwrap_or(&block);
+                    geometry.push(solid("2.0", roofed, &facts.planes_of(record, roofed, self.grid)));
                 }
                 object["geometry"] = Value::Array(geometry);
             }
@@ -135,11 +136,38 @@ impl ObjectSettings<'_> {
         object
     }
 
+    /// Semantic surfaces of a solid: ground, walls, and the roof, with a surface for each of its planes where these are given.
+    fn surfaces(&self, faces: &[GridFace], planes: &[RoofSurface]) -> Value {
+        let mut surfaces = vec![json!({ "type": "GroundSurface" }), json!({ "type": "WallSurface" })];
+        let mut values: Vec<usize> = faces.iter().map(|face| kind_index(face.surface)).collect();
+        if planes.is_empty() {
+            surfaces.push(json!({ "type": "RoofSurface" }));
+        }
+        for plane in planes {
+            for face in &plane.faces {
+                values[*face] = surfaces.len();
+            }
+            let mut surface = names::of_plane(&plane.facet, self.config.names);
+            surface.insert("type".to_owned(), json!("RoofSurface"));
+            surfaces.push(Value::Object(surface));
+        }
+        json!({ "surfaces": surfaces, "values": [values] })
+    }
+
     /// Remainder of a building without a solid: its footprint on the ground, if both are known.
     fn footprint(&self, record: &BuildingRecord) -> Option<(SnappedFootprint, i64)> {
         let base_m = record.base_z_m.or(record.ground_z_m)?;
         let footprint = SnappedFootprint::new(record.footprint.as_ref()?, self.grid).ok()?;
         Some((footprint, self.grid.level(base_m)))
+    }
+}
+
+/// Position of the first semantic surface of a kind.
+fn kind_index(kind: FaceKind) -> usize {
+    match kind {
+        FaceKind::Ground => 0,
+        FaceKind::Wall => 1,
+        FaceKind::Roof => 2,
     }
 }
 
@@ -154,25 +182,13 @@ fn surface(footprint: &SnappedFootprint, level: i64, pool: &mut VertexPool) -> V
     })
 }
 
-/// A `Solid` of one shell, with one semantic surface per kind.
-fn solid(lod: &str, faces: &[GridFace], pool: &mut VertexPool) -> Value {
-    let mut shell: Vec<Vec<Vec<u32>>> = Vec::with_capacity(faces.len());
-    let mut kinds: Vec<u8> = Vec::with_capacity(faces.len());
-    for face in faces {
-        shell.push(face.rings.iter().map(|ring| ring.iter().map(|p| pool.index_of(*p)).collect()).collect());
-        kinds.push(match face.surface {
-            FaceKind::Ground => 0,
-            FaceKind::Roof => 1,
-            FaceKind::Wall => 2,
-        });
-    }
-    json!({
-        "type": "Solid", "lod": lod, "boundaries": [shell],
-        "semantics": {
-            "surfaces": [{ "type": "GroundSurface" }, { "type": "RoofSurface" }, { "type": "WallSurface" }],
-            "values": [kinds],
-        },
-    })
+/// A `Solid` of one shell.
+fn solid(lod: &str, faces: &[GridFace], semantics: Value, pool: &mut VertexPool) -> Value {
+    let mut face = |face: &GridFace| -> Vec<Vec<u32>> {
+        face.rings.iter().map(|ring| ring.iter().map(|p| pool.index_of(*p)).collect()).collect()
+    };
+    let shell: Vec<Vec<Vec<u32>>> = faces.iter().map(&mut face).collect();
+    json!({ "type": "Solid", "lod": lod, "boundaries": [shell], "semantics": semantics })
 }
 
 /// Box between two levels in the map frame, metres, rounded like everything else.
