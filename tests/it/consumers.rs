@@ -525,6 +525,13 @@ fn our_citygml_is_valid_by_the_official_schemas() {
     town.records[0].part_of = Some("row <1>".to_owned());
     town.records[1].part_of = Some("row <1>".to_owned());
     town.records[2].id = "Höfe & 2".to_owned();
+    for (record, number) in town.records.iter_mut().zip([1, 3, 5]) {
+        record.attributes.insert("addr:street".to_owned(), "Am <Hof>".into());
+        record.attributes.insert("addr:housenumber".to_owned(), number.into());
+    }
+    town.records[2].attributes.insert("addr:postcode".to_owned(), "1010".into());
+    town.records[2].attributes.insert("addr:city".to_owned(), "Wien".into());
+    town.records[2].attributes.insert("addr:country".to_owned(), "AT".into());
     citygml::write(&path, &town.model()).unwrap();
     let said = run(Command::new(citysmith).arg("validate").arg("--schema-only").arg(&path));
     assert!(said.contains("valid"), "{said}");
@@ -535,7 +542,15 @@ fn our_citygml_is_valid_by_the_official_schemas() {
     assert_eq!((n("<bldg:roofType>3100<"), n("<bldg:measuredHeight")), (2, 4));
     assert_eq!((n("<bldg:lod1Solid>"), n("<bldg:lod2Solid>"), n("<bldg:lod1TerrainIntersection>")), (4, 4, 4));
     assert_eq!((n("<bldg:storeysAboveGround>"), n("urn:ogc:def:crs:EPSG::7415")), (4, 1));
-    // The address of the input comes along, and the day.
+    // One address per building: the row of two parts, and the one beside it.
+    assert_eq!((n("<bldg:address>"), n("<xAL:ThoroughfareName>Am &lt;Hof&gt;<")), (2, 2));
+    assert!(text.contains("<xAL:PostalCodeNumber>1010<") && text.contains("<xAL:ThoroughfareNumber>1<"));
+    let city = folder.path().join("town.city.json");
+    cityjson::write(&city, &town.model(), &CityJsonConfig::default()).unwrap();
+    assert_valid_cityjson(&city);
+    assert_eq!(json(&city)["CityObjects"]["Höfe & 2"]["address"][0]["Locality"], "Wien");
+    assert_eq!(json(&city)["CityObjects"]["row <1>"]["address"][0]["ThoroughfareNumber"], "1");
+    // All attributes of the input come along, and the day.
     assert!(text.contains("<gen:stringAttribute name=\"street\"><gen:value>Zürich &quot;A&quot;</gen:value>"));
     assert!(text.contains("<core:creationDate>2025-06-01</core:creationDate>"));
     // Every face that a solid refers to is there.

@@ -11,6 +11,7 @@
 //!   RoofSurface               one for each plane of the roof, with area, slope and aspect as generic attributes
 //!   lod1Solid, lod2Solid      the second by reference to the faces of the thematic surfaces
 //!   lod1TerrainIntersection   outline of the ground face: where the walls of the solid end
+//!   address                   xAL, where the input states one in OpenStreetMap's names ([`super::address`])
 //! ```
 //!
 //! The elements are in the order of the schema.
@@ -21,6 +22,7 @@ use std::path::Path;
 use quick_xml::escape::escape;
 use serde_json::{Map as JsonMap, Value};
 
+use super::address::Address;
 use super::attributes;
 use super::buildings::Family;
 use super::facts::SolidFacts;
@@ -35,7 +37,7 @@ use sizeup_geo::files::write_whole_or;
 
 const NAMESPACES: &str = "xmlns:core=\"http://www.opengis.net/citygml/2.0\" xmlns:bldg=\"http://www.opengis.net/citygml/building/2.0\" \
      xmlns:gen=\"http://www.opengis.net/citygml/generics/2.0\" xmlns:gml=\"http://www.opengis.net/gml\" \
-     xmlns:xlink=\"http://www.w3.org/1999/xlink\" xmlns:xsi=\"http://www.w3.org/2001/XMLSchema-instance\" \
+     xmlns:xlink=\"http://www.w3.org/1999/xlink\" xmlns:xAL=\"urn:oasis:names:tc:ciq:xsdschema:xAL:2.0\" xmlns:xsi=\"http://www.w3.org/2001/XMLSchema-instance\" \
      xsi:schemaLocation=\"http://www.opengis.net/citygml/building/2.0 http://schemas.opengis.net/citygml/building/2.0/building.xsd \
      http://www.opengis.net/citygml/generics/2.0 http://schemas.opengis.net/citygml/generics/2.0/generics.xsd\"";
 
@@ -108,6 +110,7 @@ impl GmlWriter<'_> {
                     self.object(out, "BuildingPart", part)?;
                     out.write_all(b"</bldg:consistsOfBuildingPart>\n")?;
                 }
+                address(out, parts.iter().find_map(|part| Address::of(&part.attributes)))?;
                 out.write_all(b"</bldg:Building>\n")?;
             }
         }
@@ -157,6 +160,8 @@ impl GmlWriter<'_> {
                 self.thematic(out, &id, faces, &facts.planes_of(record, faces, self.grid))?;
             }
         }
+        // That of a part is its building's.
+        address(out, Address::of(&record.attributes).filter(|_| record.part_of.is_none()))?;
         writeln!(out, "</bldg:{kind}>")
     }
 
@@ -221,6 +226,10 @@ impl GmlWriter<'_> {
         };
         ring.iter().chain(ring.first()).map(corner).collect::<Vec<_>>().join(" ")
     }
+}
+
+fn address(out: &mut dyn Write, address: Option<Address>) -> io::Result<()> {
+    address.map_or(Ok(()), |address| writeln!(out, "{}", address.to_gml()))
 }
 
 /// Attributes as generic ones, those without a value left out.

@@ -20,7 +20,7 @@ use super::{BuildingRecord, RoofForm, triangles, validate};
 pub struct Measures {
     /// All walls from base to roof, courtyards' and those shared with neighbours too, m².
     pub walls_m2: f64,
-    /// Volume, m³.
+    /// Volume that the faces enclose, m³.
     pub volume_m3: f64,
 }
 

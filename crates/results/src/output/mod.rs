@@ -25,6 +25,7 @@
 //! `FlatGeobuf` has no place for those without a footprint, and 3D Tiles for those without a height. A model's buildings
 //! may be in memory or come from a file one by one ([`Records`]).
 
+mod address;
 pub mod attributes;
 mod buildings;
 pub mod citygml;

@@ -3,6 +3,7 @@
 use crate::output::prism::MIN_THICKNESS_M;
 use serde_json::{Map as JsonMap, Value, json};
 
+use super::super::address::Address;
 use super::super::attributes;
 use super::super::buildings::Family;
 use super::super::facts::SolidFacts;
@@ -40,6 +41,9 @@ impl ObjectSettings<'_> {
                 let mut object = self.solid_object("Building", record, pool);
                 if let Some(Value::Object(own)) = object.get_mut("attributes") {
                     own.extend(attributes::carried(record));
+                }
+                if let Some(address) = Address::of(&record.attributes) {
+                    object["address"] = json!([address.to_json()]);
                 }
                 vec![(record.id.clone(), object)]
             }
@@ -80,6 +84,9 @@ impl ObjectSettings<'_> {
         all.extend(parts.iter().flat_map(attributes::carried));
         let children: Vec<&String> = objects.iter().map(|(id, _)| id).collect();
         let mut whole = json!({ "type": "Building", "attributes": all, "children": children, "geometry": [] });
+        if let Some(address) = parts.iter().find_map(|part| Address::of(&part.attributes)) {
+            whole["address"] = json!([address.to_json()]);
+        }
         let boxes = objects
             .iter()
             .filter_map(|(_, o)| serde_json::from_value::<[f64; 6]>(o["geographicalExtent"].clone()).ok());
@@ -136,21 +143,28 @@ impl ObjectSettings<'_> {
         object
     }
 
-    /// Semantic surfaces of a solid: ground, walls, and the roof, with a surface for each of its planes where these are given.
+    /// Semantic surfaces of a solid: ground, the roof, with a surface for each of its planes where these are given, and walls.
     fn surfaces(&self, faces: &[GridFace], planes: &[RoofSurface]) -> Value {
-        let mut surfaces = vec![json!({ "type": "GroundSurface" }), json!({ "type": "WallSurface" })];
-        let mut values: Vec<usize> = faces.iter().map(|face| kind_index(face.surface)).collect();
-        if planes.is_empty() {
-            surfaces.push(json!({ "type": "RoofSurface" }));
+        let roof = |attributes: JsonMap<String, Value>| {
+            let kind = std::iter::once(("type".to_owned(), json!("RoofSurface")));
+            Value::Object(kind.chain(attributes).collect())
+        };
+        let mut roofs: Vec<Value> =
+            planes.iter().map(|plane| roof(names::of_plane(&plane.facet, self.config.names))).collect();
+        if roofs.is_empty() {
+            roofs.push(roof(JsonMap::new()));
         }
-        for plane in planes {
-            for face in &plane.faces {
-                values[*face] = surfaces.len();
-            }
-            let mut surface = names::of_plane(&plane.facet, self.config.names);
-            surface.insert("type".to_owned(), json!("RoofSurface"));
-            surfaces.push(Value::Object(surface));
+        let index = |face: &GridFace| match face.surface {
+            FaceKind::Ground => 0,
+            FaceKind::Roof => 1,
+            FaceKind::Wall => roofs.len() + 1,
+        };
+        let mut values: Vec<usize> = faces.iter().map(index).collect();
+        for (i, plane) in planes.iter().enumerate() {
+            plane.faces.iter().for_each(|face| values[*face] = i + 1);
         }
+        let (ground, wall) = (json!({ "type": "GroundSurface" }), json!({ "type": "WallSurface" }));
+        let surfaces: Vec<Value> = std::iter::once(ground).chain(roofs).chain([wall]).collect();
         json!({ "surfaces": surfaces, "values": [values] })
     }
 
@@ -159,15 +173,6 @@ impl ObjectSettings<'_> {
         let base_m = record.base_z_m.or(record.ground_z_m)?;
         let footprint = SnappedFootprint::new(record.footprint.as_ref()?, self.grid).ok()?;
         Some((footprint, self.grid.level(base_m)))
-    }
-}
-
-/// Position of the first semantic surface of a kind.
-fn kind_index(kind: FaceKind) -> usize {
-    match kind {
-        FaceKind::Ground => 0,
-        FaceKind::Wall => 1,
-        FaceKind::Roof => 2,
     }
 }
 
