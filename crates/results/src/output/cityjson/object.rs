@@ -116,7 +116,7 @@ impl ObjectSettings<'_> {
                 let top = top.fold(prism.roof(), i64::max);
                 object["geographicalExtent"] = json!(extent(prism.footprint(), prism.base(), top, self.grid));
                 let mut solid = |lod: &str, faces: &[GridFace], planes: &[RoofSurface]| {
-                    let mut solid = solid(lod, faces, self.surfaces(faces, planes), pool);
+                    let mut solid = solid(lod, faces, &self.surfaces(faces, planes), pool);
                     if let Some(painting) = self.painting {
                         painting.paint(&record.id, faces, &mut solid);
                     }
@@ -188,7 +188,7 @@ fn surface(footprint: &SnappedFootprint, level: i64, pool: &mut VertexPool) -> V
 }
 
 /// A `Solid` of one shell.
-fn solid(lod: &str, faces: &[GridFace], semantics: Value, pool: &mut VertexPool) -> Value {
+fn solid(lod: &str, faces: &[GridFace], semantics: &Value, pool: &mut VertexPool) -> Value {
     let mut face = |face: &GridFace| -> Vec<Vec<u32>> {
         face.rings.iter().map(|ring| ring.iter().map(|p| pool.index_of(*p)).collect()).collect()
     };
