@@ -145,6 +145,7 @@ web() {
 
 qgis() {
   /usr/bin/python3 -c 'import qgis.core, qgis._3d' 2>/dev/null || install_packages qgis python3-qgis xvfb xauth libgl1-mesa-dri
+  command -v lrelease >/dev/null || install_packages qttools5-dev-tools # translations of the plugin
 }
 
 python_tools() {

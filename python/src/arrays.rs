@@ -247,7 +247,10 @@ fn view(i: usize, facts: ViewFacts, depth: Option<&[u8]>, photo: Option<&[u8]>) 
             let camera = facts.camera.resized(columns as u32, rows as u32);
             let picture = raster(rows, columns, bytes).and_then(|grey| Picture::new(&grey, &camera, camera_from_map));
             let fault = || {
-                Failure::of_input(format!("{}: photo: expected {rows} × {columns} numbers", at()), "a 2D array of grey levels")
+                Failure::of_input(
+                    format!("{}: photo: expected {rows} × {columns} numbers", at()),
+                    "a 2D array of grey levels",
+                )
             };
             Some(Arc::new(picture.ok_or_else(fault)?))
         }

@@ -21,7 +21,7 @@ mod _native {
     #[pymodule_export]
     use super::arrays::estimate_heights;
     #[pymodule_export]
-    use super::results::read_city;
+    use super::results::{read_city, read_solids};
     #[pymodule_export]
     use super::{answer, toml_of_json, version};
 }

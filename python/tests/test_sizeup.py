@@ -107,6 +107,64 @@ class Program(unittest.TestCase):
         layer = sizeup.read(self.demo / "result" / "city.gpkg")
         self.assertEqual([b.id for b in layer], [b.id for b in city])
 
+    def test_a_frame_has_all_columns_of_the_geopackage_with_their_values(self):
+        import geopandas
+
+        frame = sizeup.read(self.demo / "result").to_geodataframe()
+        layer = geopandas.read_file(self.demo / "result" / "city.gpkg", layer="buildings")
+        self.assertEqual([c for c in frame.columns if c != "geometry"], [c for c in layer.columns if c != "geometry"])
+        self.assertEqual(frame.crs, layer.crs)
+        for column in layer.columns.drop("geometry"):
+            with self.subTest(column):
+                for found, written in zip(frame[column], layer[column], strict=True):
+                    if found is None or found != found:
+                        self.assertTrue(written is None or written != written, written)
+                    elif column == "roof_planes":
+                        for plane, other in zip(json.loads(found), json.loads(written), strict=True):
+                            self.assertEqual(plane.keys(), other.keys())
+                            np.testing.assert_allclose(plane["area_m2"], other["area_m2"], rtol=5e-4, atol=0.002)
+                            np.testing.assert_allclose(plane["slope_deg"], other["slope_deg"], atol=0.05)
+                    elif isinstance(found, float):
+                        # Areas and volumes follow from heights and corners that the file has to the millimetre.
+                        follows = column.endswith(("_m2", "_m3"))
+                        self.assertAlmostEqual(found, written, delta=max(0.01, 5e-4 * abs(written)) if follows else 0.0011)
+                    else:
+                        self.assertEqual(found, written)
+        np.testing.assert_allclose(frame.area, frame["footprint_area_m2"], atol=0.01)
+
+    def test_buildings_are_found_by_id(self):
+        city = sizeup.read(self.demo / "result")
+        whole = next(b.part_of for b in city if b.part_of)
+        building = city.buildings[3]
+        self.assertIs(city[building.id], building)
+        self.assertTrue(building.id in city and building in city)
+        self.assertNotIn("nobody", city)
+        with self.assertRaisesRegex(KeyError, "has no building 'nobody'; .* lists all ids"):
+            city["nobody"]
+        with self.assertRaisesRegex(KeyError, f"{whole}.* it is in parts: {whole}"):
+            city[whole]
+
+    def test_solids_are_closed_and_have_the_volume_and_the_walls_that_are_stated(self):
+        city = sizeup.read(self.demo / "result")
+        solids = city.solids()
+        self.assertEqual(set(solids), {b.id for b in city if b.properties["no_solid_reason"] is None})
+        n_pitched = 0
+        for id, solid in solids.items():
+            corners, triangles = np.array(solid.vertices), np.array(solid.triangles)
+            edges = [edge for t in solid.triangles for edge in zip(t, [*t[1:], t[0]], strict=True)]
+            self.assertEqual(sorted(edges), sorted((b, a) for a, b in edges), f"{id} is not closed")
+            a, b, c = (corners[triangles[:, i]] - corners[0] for i in range(3))
+            twice = np.cross(b - a, c - a)
+            areas = np.linalg.norm(twice, axis=1) / 2
+            row = city[id].properties
+            self.assertAlmostEqual(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6, row["lod2_volume_m3"], delta=0.01)
+            self.assertAlmostEqual(areas[np.array(solid.kinds) == "wall"].sum(), row["lod2_wall_area_m2"], delta=0.01)
+            if row["roof_form"] not in (None, "flat") and row["lod2_wall_area_m2"] != row["wall_area_m2"]:
+                n_pitched += 1
+                planes = json.loads(row["roof_planes"])
+                self.assertAlmostEqual(areas[np.array(solid.kinds) == "roof"].sum(), sum(p["area_m2"] for p in planes), delta=0.1)
+        self.assertGreater(n_pitched, 3)
+
     def test_a_run_from_a_mapping_tells_its_progress_and_gives_the_files_heights(self):
         scene = self.demo / "scene"
         told = []

@@ -32,15 +32,18 @@ class SizeupPlugin(Speaks):
     def initGui(self) -> None:  # noqa: N802, the name is QGIS's
         """The algorithms, and what is in the menu."""
         self.initProcessing()
-        self._add(self.tr("City from a folder of photos…"), lambda: _open("sizeup:city"))
+        city = self._add(self.tr("City from a folder of photos…"), lambda: _open("sizeup:city"))
+        # The way in; the other two are in the menu.
+        self.iface.addToolBarIcon(city)
         self._add(self.tr("Estimate heights…"), lambda: _open("sizeup:heights"))
         self._add(self.tr("Review buildings"), self.show_review)
 
-    def _add(self, words: str, run) -> None:
+    def _add(self, words: str, run) -> QAction:
         action = QAction(QIcon(str(ICON)), words, self.iface.mainWindow())
         action.triggered.connect(lambda _: run())
         self.iface.addPluginToMenu(MENU, action)
         self.actions.append(action)
+        return action
 
     def show_review(self) -> None:
         """Opens the review panel, or brings it to the front."""
@@ -56,6 +59,7 @@ class SizeupPlugin(Speaks):
         """Takes everything away again."""
         for action in self.actions:
             self.iface.removePluginMenu(MENU, action)
+            self.iface.removeToolBarIcon(action)
         self.actions.clear()
         if self.dock is not None:
             self.dock.disconnect_all()

@@ -1,5 +1,6 @@
 """The program `sizeup`: finding it, and running it with progress and cancel. Knows nothing of QGIS."""
 
+import functools
 import json
 import os
 import queue
@@ -83,6 +84,17 @@ def check(program: str) -> str:
             f"`--progress json`. {INSTALL_HINT}"
         )
     return version
+
+
+@functools.lru_cache(maxsize=None)
+def profiles(program: str) -> List[str]:
+    """Names of the profiles of depth networks that the program has. Raises ProgramError where it does not start."""
+    try:
+        rows = json.loads(_ask(program, ["model", "list", "--json"]).stdout)
+        # A network that comes within the program is of another kind: it finds footprints.
+        return [row["network"]["name"] for row in rows if row["in_place"] != "built in"]
+    except (ValueError, KeyError, TypeError):
+        return []
 
 
 def run(

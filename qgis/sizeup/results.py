@@ -10,11 +10,14 @@ from qgis.core import (
     QgsProcessingException,
     QgsProject,
     QgsProviderRegistry,
+    QgsRectangle,
     QgsVectorLayer,
 )
 
 from .words import Speaks
 
+# How much of the map is shown around a result, in its own sizes.
+MAP_MARGIN = 1.1
 # Layers of a city's GeoPackage from the top to the bottom, and whether they are drawn at once.
 CITY_LAYERS = (
     ("qa_issues", True),
@@ -73,6 +76,19 @@ def load(file: Path, names: Sequence, folder: Path, project: QgsProject) -> List
         group.addChildNode(node)
         loaded.append(layer)
     return loaded
+
+
+def zoom_to(layer: QgsVectorLayer) -> None:
+    """Shows a layer in the map window, where there is one."""
+    from qgis.utils import iface
+
+    if iface is None or layer.extent().isEmpty():
+        return
+    canvas = iface.mapCanvas()
+    extent = QgsRectangle(layer.extent())
+    extent.scale(MAP_MARGIN)
+    canvas.setExtent(canvas.mapSettings().layerExtentToOutputExtent(layer, extent))
+    canvas.refresh()
 
 
 def _group(folder: Path, project: QgsProject) -> QgsLayerTreeGroup:

@@ -49,6 +49,8 @@ pub enum ProgressEvent {
     Stage {
         /// Name of the stage that begins.
         stage: Stage,
+        /// Share of the whole run that is done, 0 to 1; never less than before.
+        share: f64,
     },
     /// So much of some work is done. The same work can begin again, from 0.
     Advance {
@@ -58,6 +60,9 @@ pub enum ProgressEvent {
         done: usize,
         /// How much there is.
         total: usize,
+        /// Share of the whole run that is done, 0 to 1, where it is a run.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        share: Option<f64>,
     },
     /// A message to read.
     Message {

@@ -80,6 +80,10 @@ impl Ui {
 
     /// So much of some work is done; `what` is for people and for programs.
     pub fn advance(&self, what: &str, done: usize, total: usize) {
+        self.advance_of_run(what, done, total, None);
+    }
+
+    fn advance_of_run(&self, what: &str, done: usize, total: usize, share: Option<f64>) {
         if self.is_quiet {
             return;
         }
@@ -91,7 +95,7 @@ impl Ui {
             }
             Voice::Lines(last) => advance_in_lines(last, what, done, total),
             Voice::Events(pace) if pace.is_due(what, done, total) => {
-                ProgressEvent::Advance { what: what.to_owned(), done, total }.emit();
+                ProgressEvent::Advance { what: what.to_owned(), done, total, share }.emit();
             }
             Voice::Events(_) => {}
         }
@@ -99,16 +103,19 @@ impl Ui {
 
     /// Event of a run.
     pub fn tell(&self, event: Event) {
+        // Held to the end: threads that overtake each other here would tell a lower share after a higher one.
+        let Ok(mut overall) = self.overall.lock() else { return };
+        let (ended, share) = (overall.take(&event), overall.share());
         if let (Voice::Events(_), Event::Stage(stage), false) = (&self.voice, event, self.is_quiet) {
-            ProgressEvent::Stage { stage }.emit();
+            ProgressEvent::Stage { stage, share: share.unwrap_or(0.0) }.emit();
             return;
         }
-        if let (Voice::Bar(bar), Ok(mut overall), false) = (&self.voice, self.overall.lock(), self.is_quiet) {
-            if let Some(ended) = overall.take(&event) {
+        if let (Voice::Bar(bar), false) = (&self.voice, self.is_quiet) {
+            if let Some(ended) = ended {
                 bar.suspend(|| talk(&ended));
             }
             // Before the first stage, as where only priors are computed, the bar is that of the work.
-            let of_the_whole = overall.share().filter(|_| !matches!(event, Event::PriorsDoubted { .. }));
+            let of_the_whole = share.filter(|_| !matches!(event, Event::PriorsDoubted { .. }));
             if let Some(share) = of_the_whole {
                 bar.set_style(style_of(BAR_OF_A_RUN));
                 bar.set_length(STEPS_OF_A_RUN);
@@ -132,13 +139,16 @@ impl Ui {
             Event::Advance { what: Solving::Priors, done, total } => (("priors", "loading priors"), done, total),
             Event::Advance { what: Solving::Epochs, done, total } => (("epochs", "finding heights"), done, total),
         };
-        self.advance_named(work, done, total);
+        self.advance_of_run(self.called(work), done, total, share);
     }
 
     /// So much of some work is done that has a name for programs and words for people.
-    pub(super) fn advance_named(&self, (name, words): Work, done: usize, total: usize) {
-        let what = if matches!(self.voice, Voice::Events(_)) { name } else { words };
-        self.advance(what, done, total);
+    pub(super) fn advance_named(&self, work: Work, done: usize, total: usize) {
+        self.advance(self.called(work), done, total);
+    }
+
+    fn called(&self, (name, words): Work) -> &'static str {
+        if matches!(self.voice, Voice::Events(_)) { name } else { words }
     }
 
     /// Takes the bar away.

@@ -42,6 +42,12 @@ fn a_run_tells_its_stages_how_far_it_is_and_that_it_is_done() {
     assert_eq!(stages, ["survey", "footprints", "heights", "output"]);
     let advances: Vec<&Value> = events.iter().filter(|event| event["event"] == "advance").collect();
     assert!(advances.iter().all(|event| event["done"].as_u64() <= event["total"].as_u64()), "{advances:?}");
+    // A bar of the whole needs no more than this.
+    let shares: Vec<f64> = events.iter().filter_map(|event| event["share"].as_f64()).collect();
+    assert!(
+        shares.len() > 8 && shares.is_sorted() && shares[0] == 0.0 && shares.iter().all(|s| *s <= 1.0),
+        "{shares:?}"
+    );
     for what in ["tracing", "priors", "epochs"] {
         let mut of = advances.iter().filter(|event| event["what"] == what);
         assert!(of.any(|event| event["done"] == event["total"]), "{what}: {advances:?}");

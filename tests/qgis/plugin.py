@@ -6,6 +6,7 @@ SCENE is a folder of `sizeup-lab simulate` with photos, CAMERAS of it projected 
 but what fails.
 """
 
+import ast
 import json
 import os
 import re
@@ -17,7 +18,9 @@ import sys
 import tempfile
 import time
 import unittest
+from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 # Nothing of the user's own profile.
@@ -37,6 +40,7 @@ from qgis.core import (
     QgsProcessingFeatureSourceDefinition,
     QgsProcessingFeedback,
     QgsProject,
+    QgsRectangle,
     QgsVectorLayer,
 )
 from qgis.gui import QgsMapCanvas
@@ -208,22 +212,94 @@ class Settings(unittest.TestCase):
         with self.assertRaises(ConfigError):
             three_numbers("1, 2")
 
-    def test_the_bar_of_progress_never_goes_back(self):
+    def test_the_bar_of_progress_never_goes_back_and_the_log_has_stages_and_quarters(self):
         from sizeup.progress import Progress
 
-        progress, percents = Progress(), []
-        for event in [
-            {"event": "stage", "stage": "survey"}, {"event": "stage", "stage": "heights"},
-            {"event": "advance", "what": "priors", "done": 1, "total": 2},
-            {"event": "advance", "what": "epochs", "done": 1, "total": 2},
-            {"event": "advance", "what": "tracing", "done": 0, "total": 9},
-            {"event": "advance", "what": "anything", "done": 0, "total": 0}, {"event": "message", "message": "x"},
-            {"event": "stage", "stage": "output"}, {"event": "done", "code": 0},
+        now = [0.0]
+        progress, percents, lines = Progress(lambda: now[0]), [], []
+        for at_s, event in [
+            (0, {"event": "stage", "stage": "survey", "share": 0.0}),
+            (20, {"event": "stage", "stage": "heights", "share": 0.2}),
+            (25, {"event": "advance", "what": "priors", "done": 1, "total": 2, "share": 0.24}),
+            (30, {"event": "advance", "what": "epochs", "done": 1, "total": 2, "share": 0.3}),
+            (31, {"event": "advance", "what": "tracing", "done": 0, "total": 9, "share": 0.28}),
+            (32, {"event": "advance", "what": "anything", "done": 0, "total": 0}),
+            (32, {"event": "message", "message": "x"}),
+            (60, {"event": "stage", "stage": "output", "share": 0.6}), (99, {"event": "done", "code": 0}),
         ]:
-            progress.take(event)
+            now[0] = at_s
+            lines.append((progress.take(event), progress.left_s()))
             percents.append(progress.percent)
         self.assertEqual(percents, sorted(percents))
-        self.assertEqual((percents[2], percents[-1]), (31.0, 100.0))
+        self.assertEqual(percents[-1], 100.0)
+        self.assertEqual([begun for begun, _ in lines if begun], ["survey", "heights", "quarter", "anything", "output"])
+        # As long again as it took, by the share that is left.
+        left = dict(line for line in lines if line[0])
+        self.assertEqual((left["survey"], left["heights"], left["quarter"], left["output"]), (None, 80.0, 70.0, 40.0))
+        # Commands that are no run have no time left, and a line for each work.
+        looks = Progress(lambda: 60.0)
+        self.assertEqual(looks.take({"event": "advance", "what": "photos", "done": 1, "total": 4}), "photos")
+        self.assertEqual((looks.percent, looks.left_s()), (25.0, None))
+
+
+class Words(unittest.TestCase):
+    """Translations: all words have one, it fits into the dialogs, and it keeps what is filled in."""
+
+    def said(self):
+        """Every text in the code that people read."""
+        texts = set()
+        for path in (ROOT / "qgis" / "sizeup").rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "tr":
+                    texts.add(ast.literal_eval(node.args[0]))
+        return texts
+
+    def test_german_and_french_have_all_words(self):
+        texts = self.said()
+        self.assertGreater(len(texts), 150)
+        for language in ("de", "fr"):
+            root = ElementTree.parse(ROOT / "qgis" / "sizeup" / "i18n" / f"sizeup_{language}.ts").getroot()
+            self.assertEqual(root.get("language"), language)
+            words = {m.findtext("source"): m.find("translation") for m in root.iter("message")}
+            self.assertEqual(texts - set(words), set(), f"{language}: run pylupdate5 (CONTRIBUTING.md) and translate")
+            for text in texts:
+                translated = words[text]
+                self.assertNotIn(translated.get("type"), ("unfinished", "obsolete"), text)
+                self.assertTrue(translated.text, text)
+                marks = re.compile(r"\{\w*\}|\w+\.(?:html|toml|gpkg|json|geojson|npy|png)\b")
+                self.assertEqual(sorted(marks.findall(translated.text)), sorted(marks.findall(text)), text)
+
+    def test_labels_fit_into_the_dialogs_as_qgis_opens_them(self):
+        from processing.gui.AlgorithmDialog import AlgorithmDialog
+        from qgis.gui import QgsCollapsibleGroupBoxBasic
+        from qgis.PyQt.QtCore import QTranslator
+        from qgis.PyQt.QtWidgets import QScrollArea
+
+        if shutil.which("lrelease") is None:
+            self.skipTest("no lrelease")
+        set_program(PROGRAM)
+        window = QMainWindow()
+        for language in ("en", "de", "fr"):
+            translator = QTranslator()
+            if language != "en":
+                made = Path(PROFILE) / f"sizeup_{language}.qm"
+                source = ROOT / "qgis" / "sizeup" / "i18n" / f"sizeup_{language}.ts"
+                subprocess.run(["lrelease", "-silent", source, "-qm", made], check=True)
+                self.assertTrue(translator.load(str(made)))
+                QgsApplication.installTranslator(translator)
+            for algorithm in QgsApplication.processingRegistry().providerById("sizeup").algorithms():
+                dialog = AlgorithmDialog(algorithm.create(), False, window)
+                for group in dialog.mainWidget().findChildren(QgsCollapsibleGroupBoxBasic):
+                    group.setCollapsed(False)
+                dialog.show()
+                QgsApplication.processEvents()
+                for area in dialog.mainWidget().findChildren(QScrollArea):
+                    self.assertEqual(area.horizontalScrollBar().maximum(), 0, (language, algorithm.name()))
+                dialog.close()
+                dialog.deleteLater()
+            if language == "de":
+                self.assertEqual(QgsApplication.translate("CityFromFolder", "Building footprints"), "Gebäudegrundrisse")
+            QgsApplication.removeTranslator(translator)
 
 
 class Cameras(unittest.TestCase):
@@ -486,8 +562,9 @@ class Algorithms(Case):
         told = Told()
         answer = run("heights", heights(output, MORE=WHOLE), told)
         self.assertTrue(all(Path(answer[name]).is_file() for name in ("GEOPACKAGE", "CITYJSON", "REPORT")))
-        for line in ("Finding heights", "Depth of the photos", "Writing the results"):
-            self.assertIn(line, told.lines)
+        # One line for each stage, some with the time left.
+        for line in ("Reading the survey", "Laying footprints on the ground", "Finding heights", "Writing the results"):
+            self.assertEqual(sum(told_line.startswith(line) for told_line in told.lines), 1, told.lines)
         self.assertEqual((told.percents, told.percents[-1]), (sorted(told.percents), 100.0))
         group = QgsProject.instance().layerTreeRoot().findGroup("Stadt ü")
         names = [node.name() for node in group.findLayers()]
@@ -505,6 +582,15 @@ class Algorithms(Case):
         self.assertEqual(dock.list.count(), 6)
         self.assertTrue(dock.photo.has_photo)
         self.assertIn("m", dock.title.text())
+        # A photo that cuts the building off comes after those that show all of it, however large it is there.
+        city, building = dock._city, next(b for b in dock._shown if len(dock._city.views_of(b)) > 1)
+        largest = city.views_of(building)[0]
+        middle = building.footprint.pointOnSurface().asPoint()
+        x, _ = largest.pixel((middle.x(), middle.y(), building.ground_z_m))
+        city.views[largest.name] = replace(largest, width_px=int(x) + 1)
+        self.assertEqual(city.views_of(building)[-1].name, largest.name)
+        city.views[largest.name] = largest
+        self.assertEqual(city.views_of(building)[0].name, largest.name)
         picture = dock.grab()
         self.assertTrue(picture.save(str(PICTURES / "qgis-review.png")))
         first, second, third = (building.id for building in dock._shown[:3])
@@ -608,6 +694,63 @@ class Algorithms(Case):
         self.assertTrue(Path(answer["GEOPACKAGE"]).is_file())
         self.assertTrue((Path(answer["OUTPUT"]) / "input" / "sizeup.toml").is_file())
         self.assertNotIn("TEMPORARY", answer["OUTPUT"])
+
+    def test_the_map_goes_to_a_result_that_is_loaded(self):
+        import qgis.utils
+
+        interface = Interface()
+        canvas = interface.mapCanvas()
+        canvas.setDestinationCrs(QgsCoordinateReferenceSystem("EPSG:3857"))
+        canvas.setExtent(QgsRectangle(0, 0, 10, 10))
+        before, qgis.utils.iface = qgis.utils.iface, interface
+        try:
+            answer = run("heights", heights(self.folder / "r"))
+        finally:
+            qgis.utils.iface = before
+        layer = QgsVectorLayer(f"{answer['GEOPACKAGE']}|layername=buildings", "buildings", "ogr")
+        there = canvas.mapSettings().layerExtentToOutputExtent(layer, layer.extent())
+        self.assertTrue(canvas.extent().contains(there))
+        self.assertLess(canvas.extent().height(), 2.5 * max(there.height(), there.width()))
+
+    def test_the_toolbar_has_the_way_in_and_the_menu_all(self):
+        from sizeup.plugin import SizeupPlugin
+
+        class Window(Interface):
+            def __init__(self):
+                super().__init__()
+                self.menu, self.bar = [], []
+
+            def addPluginToMenu(self, _, action):
+                self.menu.append(action)
+
+            def addToolBarIcon(self, action):
+                self.bar.append(action)
+
+            def removePluginMenu(self, _, action):
+                self.menu.remove(action)
+
+            def removeToolBarIcon(self, action):
+                self.bar = [one for one in self.bar if one is not action]
+
+        window = Window()
+        plugin = SizeupPlugin(window)
+        # The provider is there already.
+        plugin.initProcessing = lambda: None
+        plugin.initGui()
+        self.assertEqual([len(window.menu), [action.text() for action in window.bar]], [3, ["City from a folder of photos…"]])
+        self.assertFalse(window.bar[0].icon().isNull())
+        plugin.unload()
+        self.assertEqual((window.menu, window.bar), ([], []))
+
+    def test_the_profiles_of_networks_are_those_of_the_program(self):
+        said = subprocess.run([PROGRAM, "model", "list"], capture_output=True, text=True, check=True).stdout
+        algorithm = QgsApplication.processingRegistry().algorithmById("sizeup:heights").create()
+        options = algorithm.parameterDefinition("PROFILE").options()
+        self.assertTrue({"moge", "vggt", "map-anything", "depth-pro"} <= set(options), options)
+        self.assertTrue(all(re.search(rf"^{option}\b", said, re.M) for option in options), options)
+        set_program(self.folder / "absent")
+        algorithm = QgsApplication.processingRegistry().algorithmById("sizeup:heights").create()
+        self.assertEqual(algorithm.parameterDefinition("PROFILE").options(), [])
 
     def test_all_algorithms_have_help_and_an_icon(self):
         provider = QgsApplication.processingRegistry().providerById("sizeup")

@@ -2,6 +2,7 @@
 
 >>> import sizeup
 >>> city = sizeup.run("sizeup.toml")                      # as `sizeup run sizeup.toml`
+>>> city["house 7"].height_m
 >>> city.to_geodataframe()[["id", "height_m", "status"]]  # with geopandas
 >>> sizeup.read("result").buildings[0].height_m           # of an earlier run
 >>> heights = sizeup.estimate_heights(footprints, views, ground_m=48.0)   # arrays in memory
@@ -12,7 +13,7 @@ Every error is a :class:`SizeupError` with a ``message`` and, where it is known 
 from ._arrays import Camera, Grid, Height, Part, Pose, View, estimate_heights
 from ._errors import ConfigurationError, InputError, RunError, SizeupError
 from ._native import version as _version
-from ._results import Building, City, read
+from ._results import Building, City, Solid, read
 from ._run import Progress, run
 
 __version__: str = _version()
@@ -30,6 +31,7 @@ __all__ = [
     "Progress",
     "RunError",
     "SizeupError",
+    "Solid",
     "View",
     "estimate_heights",
     "read",

@@ -7,6 +7,7 @@ import os
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,30 +51,30 @@ class Building:
     """The input's own attributes."""
     geometry: Mapping[str, Any] | None
     """The footprint as GeoJSON's ``Polygon``; ``None`` where it could not be used."""
-
-    @property
-    def properties(self) -> dict[str, Any]:
-        """Everything but the footprint in one flat table: the input's attributes, and what was found over them."""
-        own = {name: getattr(self, name) for name in _COLUMNS}
-        own["reasons"] = ",".join(self.reasons)
-        own["n_views"] = len(self.views)
-        own["roof_form"] = self.roof["form"] if self.roof else None
-        return {**self.attributes, **own}
+    properties: Mapping[str, Any] = field(repr=False)
+    """Everything but the footprint as a flat row, the columns of the GeoPackage's layer ``buildings``: the id, all attributes of sizeup,
+    then the input's. Lists are text."""
 
     @property
     def __geo_interface__(self) -> dict[str, Any]:
-        return {"type": "Feature", "id": self.id, "geometry": self.geometry, "properties": self.properties}
+        return {"type": "Feature", "id": self.id, "geometry": self.geometry, "properties": dict(self.properties)}
 
 
-_COLUMNS = (
-    "id", "status", "reasons", "height_m", "height_sigma_m", "height_reference",
-    "ground_z_m", "base_z_m", "roof_z_m", "part_of",
-)  # fmt: skip
+@dataclass(frozen=True)
+class Solid:
+    """A closed solid as triangles, such as ``trimesh.Trimesh(solid.vertices, solid.triangles)`` takes."""
+
+    vertices: list[list[float]]
+    """Corners in the city's CRS: x, y, z, metres."""
+    triangles: list[list[int]]
+    """Three positions among the vertices each, counter-clockwise seen from outside."""
+    kinds: list[str]
+    """``ground``, ``roof`` or ``wall`` for each triangle."""
 
 
 @dataclass(frozen=True)
 class City:
-    """Buildings with what is known of them as a whole. Iterates over its buildings."""
+    """Buildings with what is known of them as a whole. Iterates over its buildings; ``city["id"]`` is one of them."""
 
     path: Path
     """The file the buildings are from."""
@@ -94,12 +95,29 @@ class City:
     def __len__(self) -> int:
         return len(self.buildings)
 
+    def __getitem__(self, id: str) -> Building:
+        """The building, or the part of one, with an id. Raises ``KeyError`` if there is none."""
+        try:
+            return self._by_id[id]
+        except KeyError:
+            parts = [building.id for building in self.buildings if building.part_of == id]
+            hint = f"it is in parts: {', '.join(parts)}" if parts else "`[building.id for building in city]` lists all ids"
+            raise KeyError(f"{self.path} has no building {id!r}; {hint}") from None
+
+    def __contains__(self, building: object) -> bool:
+        """Whether there is a building with that id, or that building."""
+        return building in (self._by_id if isinstance(building, str) else self.buildings)
+
+    @cached_property
+    def _by_id(self) -> dict[str, Building]:
+        return {building.id: building for building in self.buildings}
+
     @property
     def __geo_interface__(self) -> dict[str, Any]:
         return {"type": "FeatureCollection", "features": [building.__geo_interface__ for building in self.buildings]}
 
     def to_geodataframe(self) -> geopandas.GeoDataFrame:
-        """A row per building, the columns of :attr:`Building.properties`. Needs GeoPandas (``pip install geopandas``)."""
+        """A row per building with all attributes, the columns of :attr:`Building.properties`. Needs GeoPandas (``pip install geopandas``)."""
         try:
             import geopandas
         except ImportError as error:
@@ -107,6 +125,11 @@ class City:
         if not self.buildings:
             return geopandas.GeoDataFrame(geometry=[], crs=self.crs)
         return geopandas.GeoDataFrame.from_features(self.__geo_interface__["features"], crs=self.crs)
+
+    def solids(self) -> dict[str, Solid]:
+        """The solids by the ids of their buildings: with the roof that was found (LOD 2.0), else the block. Buildings without a height
+        have none. They are made from the file at :attr:`path`."""
+        return {id: Solid(**solid) for id, solid in json.loads(_native.read_solids(self.path)).items()}
 
 
 def read(path: str | os.PathLike[str]) -> City:
@@ -129,7 +152,7 @@ def read(path: str | os.PathLike[str]) -> City:
 
 def _read_file(path: Path) -> City:
     found = json.loads(_native.read_city(path))
-    buildings = tuple(_building(record) for record in found["buildings"])
+    buildings = tuple(_building(record, found["columns"]) for record in found["buildings"])
     return City(path=path, crs=found["crs"], buildings=buildings, lineage=found["lineage"])
 
 
@@ -155,7 +178,7 @@ def _json(path: Path) -> Any:
         raise InputError(f"cannot read {path}: {error}", "run it again: `sizeup run … --from output`") from error
 
 
-def _building(record: dict[str, Any]) -> Building:
+def _building(record: dict[str, Any], columns: list[str]) -> Building:
     return Building(
         id=record["id"],
         status=record["status"],
@@ -171,4 +194,5 @@ def _building(record: dict[str, Any]) -> Building:
         views=tuple(record["views"]),
         attributes=record["attributes"],
         geometry=record["geometry"],
+        properties=dict(zip(columns, record["row"], strict=True)),
     )

@@ -31,6 +31,8 @@ class Progress:
     """How much of it is done."""
     total: int | None = None
     """How much there is."""
+    share: float | None = None
+    """Share of the whole run that is done, 0 to 1."""
     level: str | None = None
     """How much a message weighs: ``info``, ``warning``, ``error``."""
     message: str | None = None

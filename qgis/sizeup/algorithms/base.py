@@ -77,10 +77,22 @@ class SizeupAlgorithm(QgsProcessingAlgorithm, Speaks):
             return False, str(error)
         return True, ""
 
-    def advanced(self, parameter: QgsProcessingParameterDefinition) -> None:
+    def add(self, parameter: QgsProcessingParameterDefinition, help: str = "") -> None:
+        """Adds a parameter. Its label fits into the dialog as QGIS opens it; what does not is help, which the mouse shows."""
+        parameter.setHelp(help)
+        self.addParameter(parameter)
+
+    def advanced(self, parameter: QgsProcessingParameterDefinition, help: str = "") -> None:
         """Adds a parameter that is folded away."""
         parameter.setFlags(parameter.flags() | QgsProcessingParameterDefinition.FlagAdvanced)
-        self.addParameter(parameter)
+        self.add(parameter, help)
+
+    def profiles(self) -> List[str]:
+        """Profiles of depth networks that the program knows; none where it is not there."""
+        try:
+            return program.profiles(program.find(settings.ProcessingConfig.getSetting(settings.PROGRAM) or ""))
+        except program.ProgramError:
+            return []
 
     def find_program(self) -> None:
         """Looks for the program before anything else is done."""
@@ -104,10 +116,10 @@ class SizeupAlgorithm(QgsProcessingAlgorithm, Speaks):
         progress = Progress()
 
         def tell(event: program.Event) -> None:
-            words = progress.take(event)
+            begun = progress.take(event)
             feedback.setProgress(progress.percent)
-            if words:
-                feedback.setProgressText(self.in_words(words))
+            if begun:
+                feedback.setProgressText(self.line(begun, progress))
             if event["event"] == "message" and not is_silent:
                 self._show(event, feedback)
 
@@ -145,21 +157,27 @@ class SizeupAlgorithm(QgsProcessingAlgorithm, Speaks):
         except ValueError as error:
             raise QgsProcessingException(self.tr("The program's answer cannot be read: {}").format(error)) from error
 
-    def in_words(self, work: str) -> str:
-        """What a stage or work of the program is called."""
-        return {
+    def line(self, begun: str, progress: Progress) -> str:
+        """A line of the log: what begins, or how far the run is, and the time left where that is known."""
+        words = {
             "survey": self.tr("Reading the survey"), "footprints": self.tr("Laying footprints on the ground"),
             "heights": self.tr("Finding heights"), "output": self.tr("Writing the results"),
-            "ground": self.tr("Looking for the ground in the photos"), "tracing": self.tr("Tracing rays"),
-            "priors": self.tr("Depth of the photos"), "epochs": self.tr("Moving roofs"),
-            "photos": self.tr("Looking at the photos"), "align": self.tr("Aligning the poses with the photos"),
-        }.get(work, work)
+            "ground": self.tr("Looking for the ground in the photos"), "photos": self.tr("Looking at the photos"),
+            "align": self.tr("Aligning the poses with the photos"), "quarter": f"{progress.percent:.0f} %",
+        }.get(begun, begun)
+        left_s = progress.left_s()
+        if left_s is None:
+            return words
+        left = self.tr("{} min").format(round(left_s / 60)) if left_s >= 90 else self.tr("{} s").format(round(left_s))
+        return self.tr("{} (about {} left)").format(words, left)
 
     def load_city(self, file: Optional[Path], context) -> None:
         """Loads a city's layers, where one was made and the user wants them."""
         if self._load and file is not None and context.project() is not None:
-            if not results.load(file, results.CITY_LAYERS, self._folder, context.project()):
+            loaded = results.load(file, results.CITY_LAYERS, self._folder, context.project())
+            if not loaded:
                 raise QgsProcessingException(self.tr("Cannot load {}").format(file))
+            results.zoom_to(next((layer for layer in loaded if layer.name() == "buildings"), loaded[0]))
 
     def folder(self, parameters, name: str, context) -> Path:
         """A folder to write to. Asked for once: a temporary one is another each time."""
@@ -177,32 +195,35 @@ class SurveyAlgorithm(SizeupAlgorithm):
 
     def add_settings(self) -> None:
         """Parameter: settings that have all of the others."""
-        self.addParameter(QgsProcessingParameterFile(
-            "SETTINGS", self.tr("Settings written by “City from a folder of photos” (then nothing else is needed)"),
-            extension="toml", optional=True,
-        ))
+        self.add(
+            QgsProcessingParameterFile("SETTINGS", self.tr("Settings"), extension="toml", optional=True),
+            self.tr("Written by “City from a folder of photos”. Then nothing else is needed."),
+        )
 
     def add_survey(self) -> None:
         """Parameters: the poses, the photos, the CRS."""
-        self.addParameter(QgsProcessingParameterFile(
-            "SURVEY_FOLDER", self.tr("Survey: folder of a model (COLMAP, OpenSfM) or of photos"),
-            behavior=QgsProcessingParameterFile.Folder, optional=True,
-        ))
-        self.addParameter(QgsProcessingParameterFile(
-            "SURVEY", self.tr("… or survey: file of poses (XML, CSV, JSON, …)"), optional=True,
-        ))
+        self.add(
+            QgsProcessingParameterFile(
+                "SURVEY_FOLDER", self.tr("Poses: folder"), behavior=QgsProcessingParameterFile.Folder, optional=True,
+            ),
+            self.tr("The folder of a model (COLMAP, OpenSfM), or of photos with poses"),
+        )
+        self.add(
+            QgsProcessingParameterFile("SURVEY", self.tr("… or poses: file"), optional=True),
+            self.tr("XML, CSV, JSON and others"),
+        )
         self.addParameter(QgsProcessingParameterFile(
             "IMAGES", self.tr("Folder of the photos"), behavior=QgsProcessingParameterFile.Folder, optional=True,
         ))
-        self.addParameter(QgsProcessingParameterCrs(
-            "CRS", self.tr("CRS of the results (projected, metres)"), defaultValue="ProjectCrs", optional=True,
-        ))
+        self.add(QgsProcessingParameterCrs(
+            "CRS", self.tr("CRS of the results"), defaultValue="ProjectCrs", optional=True,
+        ), self.tr("Projected, in metres"))
 
     def add_ground(self) -> None:
         """Parameters: a terrain model, or one height."""
         self.addParameter(QgsProcessingParameterRasterLayer("DTM", self.tr("Terrain model (DTM)"), optional=True))
         self.addParameter(QgsProcessingParameterNumber(
-            "GROUND", self.tr("… or one height of the ground everywhere, metres"),
+            "GROUND", self.tr("… or one ground height, metres"),
             type=QgsProcessingParameterNumber.Double, optional=True,
         ))
 
@@ -218,12 +239,18 @@ class SurveyAlgorithm(SizeupAlgorithm):
     def add_more(self) -> None:
         """Parameters that few people need."""
         self.advanced(QgsProcessingParameterCrs("POSE_CRS", self.tr("CRS of the poses, if another"), optional=True))
-        self.advanced(QgsProcessingParameterString(
-            "OFFSET", self.tr("Offset of the poses: x, y, z (metres), added to them"), optional=True,
-        ))
-        self.advanced(QgsProcessingParameterString(
-            "MORE", self.tr("Further settings, one a line, as in heights.max_m=60"), multiLine=True, optional=True,
-        ))
+        self.advanced(
+            QgsProcessingParameterString("OFFSET", self.tr("Offset of the poses: x, y, z"), optional=True),
+            self.tr("Metres, added to the poses"),
+        )
+        self.add_further()
+
+    def add_further(self) -> None:
+        """Parameter: settings that have none of their own."""
+        self.advanced(
+            QgsProcessingParameterString("MORE", self.tr("Further settings"), multiLine=True, optional=True),
+            self.tr("One per line, as in heights.max_m=60"),
+        )
 
     def add_load(self) -> None:
         """Parameter: whether results go into the project."""

@@ -41,25 +41,27 @@ class CompareResults(SizeupAlgorithm):
         self.addParameter(QgsProcessingParameterFile("OLD", self.tr("Earlier result"), fileFilter=CITIES))
         self.addParameter(QgsProcessingParameterFile("NEW", self.tr("Later result"), fileFilter=CITIES))
         self.addParameter(QgsProcessingParameterNumber(
-            "LEAST", self.tr("Least difference worth telling, metres"), type=QgsProcessingParameterNumber.Double,
+            "LEAST", self.tr("Least difference, metres"), type=QgsProcessingParameterNumber.Double,
             defaultValue=2.0, minValue=0.01,
         ))
         self.addParameter(QgsProcessingParameterBoolean(
             "LOAD", self.tr("Load the layer, styled"), defaultValue=True,
         ))
-        for name, label in [
-            ("OLD_SIGMA", self.tr("Standard deviation of earlier heights that state none, metres")),
-            ("NEW_SIGMA", self.tr("Standard deviation of later heights that state none, metres")),
-        ]:
-            self.advanced(QgsProcessingParameterNumber(
-                name, label, type=QgsProcessingParameterNumber.Double, optional=True, minValue=0.0,
-            ))
-        self.advanced(QgsProcessingParameterBoolean(
-            "HEIGHTS_ONLY", self.tr("Compare heights above ground only, not levels of roofs"), defaultValue=False,
-        ))
-        self.advanced(QgsProcessingParameterBoolean(
-            "KEEP_SHIFT", self.tr("Leave in what is common to all buildings"), defaultValue=False,
-        ))
+        for name, label in [("OLD_SIGMA", self.tr("Earlier sigma, metres")), ("NEW_SIGMA", self.tr("Later sigma, metres"))]:
+            self.advanced(
+                QgsProcessingParameterNumber(
+                    name, label, type=QgsProcessingParameterNumber.Double, optional=True, minValue=0.0,
+                ),
+                self.tr("Standard deviation of heights whose file states none"),
+            )
+        self.advanced(
+            QgsProcessingParameterBoolean("HEIGHTS_ONLY", self.tr("Compare heights above ground only"), defaultValue=False),
+            self.tr("Levels of roofs are not compared"),
+        )
+        self.advanced(
+            QgsProcessingParameterBoolean("KEEP_SHIFT", self.tr("Keep a common difference"), defaultValue=False),
+            self.tr("What all buildings have in common counts as change, too"),
+        )
         self.addParameter(QgsProcessingParameterFolderDestination("OUTPUT", self.tr("Folder of the comparison")))
         self.addOutput(QgsProcessingOutputNumber("N_CHANGED", self.tr("Number of buildings that have changed")))
 

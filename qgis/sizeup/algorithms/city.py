@@ -55,28 +55,34 @@ class CityFromFolder(SurveyAlgorithm):
         self.addParameter(QgsProcessingParameterFile(
             "FOLDER", self.tr("Folder of the photos"), behavior=QgsProcessingParameterFile.Folder,
         ))
-        self.addParameter(QgsProcessingParameterFeatureSource(
-            "FOOTPRINTS", self.tr("Building footprints (empty: those in the folder)"), [QgsProcessing.TypeVectorPolygon],
-            optional=True,
-        ))
-        self.addParameter(QgsProcessingParameterField(
-            "FOOTPRINTS_ID", self.tr("Field of the buildings' ids (empty: the program chooses)"),
-            parentLayerParameterName="FOOTPRINTS", optional=True,
-        ))
-        self.addParameter(QgsProcessingParameterBoolean(
-            "LOOK", self.tr("Only look at the folder, compute nothing"), defaultValue=False,
-        ))
+        self.add(
+            QgsProcessingParameterFeatureSource(
+                "FOOTPRINTS", self.tr("Building footprints"), [QgsProcessing.TypeVectorPolygon], optional=True,
+            ),
+            self.tr("If empty: those in the folder"),
+        )
+        self.add(
+            QgsProcessingParameterField(
+                "FOOTPRINTS_ID", self.tr("Field of the buildings' ids"), parentLayerParameterName="FOOTPRINTS", optional=True,
+            ),
+            self.tr("If empty: the program chooses"),
+        )
+        self.add(
+            QgsProcessingParameterBoolean("LOOK", self.tr("Only look at the folder"), defaultValue=False),
+            self.tr("Computes nothing"),
+        )
         self.advanced(QgsProcessingParameterRasterLayer("DTM", self.tr("Terrain model (DTM)"), optional=True))
         self.advanced(QgsProcessingParameterNumber(
             "GROUND", self.tr("Height of the ground, metres"), type=QgsProcessingParameterNumber.Double, optional=True,
         ))
-        self.advanced(QgsProcessingParameterCrs("CRS", self.tr("CRS of the results (projected, metres)"), optional=True))
-        self.advanced(QgsProcessingParameterString(
-            "OFFSET", self.tr("Offset of the poses: x, y, z (metres), taken off them by their program"), optional=True,
-        ))
-        self.advanced(QgsProcessingParameterString(
-            "MORE", self.tr("Further settings, one a line, as in heights.max_m=60"), multiLine=True, optional=True,
-        ))
+        self.advanced(
+            QgsProcessingParameterCrs("CRS", self.tr("CRS of the results"), optional=True), self.tr("Projected, in metres"),
+        )
+        self.advanced(
+            QgsProcessingParameterString("OFFSET", self.tr("Offset of the poses: x, y, z"), optional=True),
+            self.tr("Metres, which the program that wrote the poses took off them"),
+        )
+        self.add_further()
         self.addOutput(QgsProcessingOutputFile("SETTINGS", self.tr("Settings")))
         self.add_city()
 

@@ -61,9 +61,9 @@ class ExportCity(SizeupAlgorithm):
             "NAMES", self.tr("CityJSON: names of attributes"), ["sizeup", "sizeup and 3DBAG"], defaultValue=0,
         ))
         self.advanced(QgsProcessingParameterNumber(
-            "GEOID", self.tr("3D Tiles: geoid above the ellipsoid, metres"),
+            "GEOID", self.tr("3D Tiles: geoid height, metres"),
             type=QgsProcessingParameterNumber.Double, optional=True,
-        ))
+        ), self.tr("Of the geoid, or the national zero, above the ellipsoid"))
         self.addParameter(QgsProcessingParameterBoolean("LOAD", self.tr("Load the file"), defaultValue=False))
         self.addParameter(QgsProcessingParameterFileDestination("OUTPUT", self.tr("File, or folder of 3D Tiles")))
 

@@ -49,9 +49,10 @@ class FindFootprints(SurveyAlgorithm):
             "SOURCE", self.tr("Footprints come from"),
             [self.tr("masks of the nadir photos"), self.tr("a segmentation network")], defaultValue=0,
         ))
-        self.addParameter(QgsProcessingParameterString(
-            "MASKS", self.tr("Masks: path with {stem} for the photo's name"), optional=True,
-        ))
+        self.add(
+            QgsProcessingParameterString("MASKS", self.tr("Masks: path with {stem}"), optional=True),
+            self.tr("{stem} stands for the name of the photo, as in masks/{stem}.png"),
+        )
         self.addParameter(QgsProcessingParameterEnum(
             "MASK_KIND", self.tr("Masks: kind"), list(MASK_KINDS), defaultValue=0,
         ))

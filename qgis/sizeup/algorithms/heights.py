@@ -11,11 +11,6 @@ from ..config import PRIOR_KINDS, PRIOR_SOURCES, ConfigError, Prior, setting
 from ..review.reviews import FILE_NAME
 from .base import SurveyAlgorithm
 
-PROFILES = (
-    "", "da3-mono", "da3-metric", "da3-anyview", "depth-anything-v2", "depth-anything-v2-metric", "metric3d", "moge",
-    "depth-pro", "itermvs",
-)
-
 
 class EstimateHeights(SurveyAlgorithm):
     """Finds one height per building: a LOD1 city."""
@@ -55,9 +50,10 @@ class EstimateHeights(SurveyAlgorithm):
             "PRIOR_SOURCE", self.tr("Depth comes from"),
             [self.tr("automatic"), self.tr("stereo"), self.tr("files"), self.tr("a network")], defaultValue=0,
         ))
-        self.addParameter(QgsProcessingParameterString(
-            "PRIOR_FILES", self.tr("Files: path with {stem} for the photo's name"), optional=True,
-        ))
+        self.add(
+            QgsProcessingParameterString("PRIOR_FILES", self.tr("Files: path with {stem}"), optional=True),
+            self.tr("{stem} stands for the name of the photo, as in priors/{stem}.npy"),
+        )
         self.addParameter(QgsProcessingParameterEnum(
             "PRIOR_KIND", self.tr("Files: numbers are"),
             [self.tr("depth (higher is farther)"), self.tr("inverse depth (higher is nearer)")], defaultValue=0,
@@ -65,12 +61,16 @@ class EstimateHeights(SurveyAlgorithm):
         self.addParameter(QgsProcessingParameterString(
             "MODEL", self.tr("Network: ONNX file or name"), optional=True,
         ))
-        self.addParameter(QgsProcessingParameterEnum(
-            "PROFILE", self.tr("Network: profile"), [self.tr("by its name"), *PROFILES[1:]], defaultValue=0,
-        ))
-        self.advanced(QgsProcessingParameterString(
-            "VERTICAL", self.tr("What heights count from, in words (DHHN2016, NAP, …)"), optional=True,
-        ))
+        self.add(
+            QgsProcessingParameterEnum(
+                "PROFILE", self.tr("Network: profile"), self.profiles(), optional=True, usesStaticStrings=True,
+            ),
+            self.tr("If empty: by the name of the network"),
+        )
+        self.advanced(
+            QgsProcessingParameterString("VERTICAL", self.tr("Vertical reference"), optional=True),
+            self.tr("What heights count from, in words: DHHN2016, NAP, …"),
+        )
         self.add_more()
         self.add_city()
 
@@ -106,7 +106,7 @@ class EstimateHeights(SurveyAlgorithm):
             path=self.parameterAsString(parameters, "PRIOR_FILES", context) or None,
             kind=PRIOR_KINDS[self.parameterAsEnum(parameters, "PRIOR_KIND", context)],
             model=self.parameterAsString(parameters, "MODEL", context) or None,
-            profile=PROFILES[self.parameterAsEnum(parameters, "PROFILE", context)] or None,
+            profile=self.parameterAsEnumString(parameters, "PROFILE", context) or None,
         )
 
     def processAlgorithm(self, parameters, context, feedback):  # noqa: N802, the name is QGIS's

@@ -69,11 +69,11 @@ class City:
         return "; ".join(reason.replace("_", " ") for reason in building.reasons)
 
     def views_of(self, building: Building) -> List[View]:
-        """The photos that its height was measured in, else all that show it; those that show it largest first."""
+        """The photos that its height was measured in, else all that show it: first those that show the whole block, the largest first."""
         named = [self.views[name] for name in building.views if name in self.views]
         sizes = [(_size_px(view, building), view) for view in (named or self.views.values())]
-        shown = [(size, view) for size, view in sizes if size > 0.0]
-        return [view for _, view in sorted(shown, key=lambda pair: (-pair[0], pair[1].name))]
+        shown = [(not _is_whole(view, building), -size, view.name, view) for size, view in sizes if size > 0.0]
+        return [view for _, _, _, view in sorted(shown, key=lambda row: row[:3])]
 
     def place(self, building: Building) -> Optional[Tuple[float, float]]:
         """Longitude and latitude of a point in the building."""
@@ -131,6 +131,13 @@ def _size_px(view: View, building: Building) -> float:
         return 0.0
     pairs = zip(pixels, pixels[1:])
     return abs(sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in pairs)) / 2.0
+
+
+def _is_whole(view: View, building: Building) -> bool:
+    """Whether a photo has all corners of the block on its ground and at its roof."""
+    levels = [building.ground_z_m] + ([building.ground_z_m + building.height_m] if building.height_m is not None else [])
+    pixels = [view.pixel((x, y, z)) for z in levels for x, y in building.rings[0]]
+    return all(pixel is not None and view.contains(pixel) for pixel in pixels)
 
 
 def _issues(folder: Path) -> Dict[str, str]:

@@ -56,11 +56,40 @@ fn collect(path: &Path, depth: usize, found: &mut BTreeSet<PathBuf>) {
         name.push(end);
         // What readers leave behind of a database that nobody writes to is empty.
         let is_filled = |p: &PathBuf| p.metadata().is_ok_and(|found| found.is_file() && found.len() > 0);
-        found.extend(Some(PathBuf::from(name)).filter(is_filled));
+        let is_remark = |p: &PathBuf| end == ".aux.xml" && has_statistics_alone(p);
+        found.extend(Some(PathBuf::from(name)).filter(|p| is_filled(p) && !is_remark(p)));
     }
     if let (true, Some(depth)) = (matches!(extension.as_str(), "vrt" | "ovrt"), depth.checked_sub(1)) {
         referred(path).iter().for_each(|other| collect(other, depth, found));
     }
+}
+
+/// Whether metadata beside a raster are statistics alone, such as QGIS leaves behind when it draws one: they do not change how it is read.
+fn has_statistics_alone(path: &Path) -> bool {
+    const STATISTICS: [&str; 10] = [
+        "PAMDataset",
+        "PAMRasterBand",
+        "Histograms",
+        "HistItem",
+        "HistMin",
+        "HistMax",
+        "BucketCount",
+        "IncludeOutOfRange",
+        "Approximate",
+        "HistCounts",
+    ];
+    let Ok(bytes) = files::read_bytes(path) else { return false };
+    let text = String::from_utf8_lossy(&bytes);
+    // `Metadata` without attributes is the plain domain; its items are told by their keys.
+    let is_statistics = |element: &str| match element.split_whitespace().next() {
+        Some("Metadata") => element.trim_end_matches('/').trim() == "Metadata",
+        Some("MDI") => element.contains("key=\"STATISTICS_"),
+        Some(name) => STATISTICS.contains(&name.trim_end_matches('/')),
+        None => false,
+    };
+    let mut opened =
+        text.split('<').skip(1).filter(|rest| !rest.starts_with('/')).filter_map(|rest| rest.split('>').next());
+    text.contains("<PAMDataset") && opened.all(is_statistics)
 }
 
 /// The files that a VRT names; none where it cannot be read, which its reader says better.
@@ -86,6 +115,29 @@ mod tests {
     use std::fs;
 
     use super::*;
+
+    #[test]
+    fn statistics_that_qgis_leaves_beside_a_terrain_are_no_part_of_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let (terrain, beside) = (folder.path().join("dtm.tif"), folder.path().join("dtm.tif.aux.xml"));
+        fs::write(&terrain, "tif").unwrap();
+        let band = |more: &str| {
+            format!(
+                "<PAMDataset>\n  <PAMRasterBand band=\"1\">\n    <Histograms><HistItem><HistMin>1</HistMin></HistItem></Histograms>\n    \
+                 <Metadata>\n      <MDI key=\"STATISTICS_MEAN\">31.2</MDI>{more}\n    </Metadata>\n  </PAMRasterBand>\n</PAMDataset>\n"
+            )
+        };
+        for (text, n_files) in [
+            (band(""), 1),
+            (band("<MDI key=\"AREA\">x</MDI>"), 2),
+            (band("").replace("<Metadata>", "<NoDataValue>0</NoDataValue><Metadata>"), 2),
+            ("<PAMDataset><SRS>EPSG:25832</SRS></PAMDataset>".to_owned(), 2),
+            ("no XML".to_owned(), 2),
+        ] {
+            fs::write(&beside, &text).unwrap();
+            assert_eq!(files_of(&terrain).len(), n_files, "{text}");
+        }
+    }
 
     #[test]
     fn what_lies_beside_a_source_and_what_it_refers_to_is_found() {

@@ -55,7 +55,7 @@ impl Field {
 
 /// Our own attributes in the order in which they are written; the id comes before them. Names are told apart by their
 /// first ten characters, which is all that a Shapefile keeps.
-pub const FIELDS: [Field; 34] = {
+pub const FIELDS: [Field; 36] = {
     use ColumnKind::{Integer, Real, Text};
     [
         Field::new(
@@ -230,6 +230,20 @@ pub const FIELDS: [Field; 34] = {
             |_, solid| known(solid.measures.map(|measures| measures.walls_m2)),
         ),
         Field::new(
+            "lod2_volume_m3",
+            "Volume with the roof (m3)",
+            Real,
+            "Volume of the solid with its roof (LOD 2.0), m3; that of the block where the roof is flat or not known",
+            |_, solid| known(solid.roofed_measures.map(|measures| measures.volume_m3)),
+        ),
+        Field::new(
+            "lod2_wall_area_m2",
+            "Wall area with gables (m2)",
+            Real,
+            "Walls of the solid with its roof (LOD 2.0), gable ends, steps and party walls too, m2",
+            |_, solid| known(solid.roofed_measures.map(|measures| measures.walls_m2)),
+        ),
+        Field::new(
             "party_wall_area_m2",
             "Party wall area (m2)",
             Real,
@@ -300,6 +314,12 @@ fn storeys(record: &BuildingRecord) -> Option<Storeys> {
         record.roof.map(|roof| roof.eave_height_m).or(record.height_m).filter(|_| record.height_m.is_some())?;
     let of_height = record.height_sigma_m.unwrap_or(0.0) / STOREY_M;
     Some(Storeys { n: (height_m / STOREY_M).round().max(1.0) as i64, sigma: STOREY_SIGMA.hypot(of_height) })
+}
+
+/// Estimates the storeys of a building above ground, without its attic.
+#[must_use]
+pub fn n_storeys(record: &BuildingRecord) -> Option<i64> {
+    storeys(record).map(|storeys| storeys.n)
 }
 
 /// A step as text, rounded as all metres are.

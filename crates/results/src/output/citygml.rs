@@ -8,8 +8,10 @@
 //!   roofType                  code of the roof's form in ALKIS, as AdV's profile has it: 1000 flat, 3100 gable, 3200 hip, 5000 mixed
 //!   measuredHeight            height above ground of the highest place of the roof, metres
 //!   storeysAboveGround        estimated ([`super::attributes`])
+//!   RoofSurface               one for each plane of the roof, with area, slope and aspect as generic attributes
 //!   lod1Solid, lod2Solid      the second by reference to the faces of the thematic surfaces
 //!   lod1TerrainIntersection   outline of the ground face: where the walls of the solid end
+//!   address                   xAL, where the input states one in OpenStreetMap's names ([`super::address`])
 //! ```
 //!
 //! The elements are in the order of the schema.
@@ -20,6 +22,7 @@ use std::path::Path;
 use quick_xml::escape::escape;
 use serde_json::{Map as JsonMap, Value};
 
+use super::address::Address;
 use super::attributes;
 use super::buildings::Family;
 use super::facts::SolidFacts;
@@ -27,14 +30,14 @@ use super::footprints::LIST_SEPARATOR;
 use super::grid::{OutputGrid, SCALE_M};
 use super::mesh::cannot_write;
 use super::prism::{FaceKind, GridFace, MIN_THICKNESS_M};
-use super::roof_solid::{self, Detail};
+use super::roof_solid::RoofSurface;
 use super::{BuildingRecord, CityModel, Families, OutputError, Overview, Records, RoofForm};
 use sizeup_geo::crs::Crs;
 use sizeup_geo::files::write_whole_or;
 
 const NAMESPACES: &str = "xmlns:core=\"http://www.opengis.net/citygml/2.0\" xmlns:bldg=\"http://www.opengis.net/citygml/building/2.0\" \
      xmlns:gen=\"http://www.opengis.net/citygml/generics/2.0\" xmlns:gml=\"http://www.opengis.net/gml\" \
-     xmlns:xlink=\"http://www.w3.org/1999/xlink\" xmlns:xsi=\"http://www.w3.org/2001/XMLSchema-instance\" \
+     xmlns:xlink=\"http://www.w3.org/1999/xlink\" xmlns:xAL=\"urn:oasis:names:tc:ciq:xsdschema:xAL:2.0\" xmlns:xsi=\"http://www.w3.org/2001/XMLSchema-instance\" \
      xsi:schemaLocation=\"http://www.opengis.net/citygml/building/2.0 http://schemas.opengis.net/citygml/building/2.0/building.xsd \
      http://www.opengis.net/citygml/generics/2.0 http://schemas.opengis.net/citygml/generics/2.0/generics.xsd\"";
 
@@ -107,6 +110,7 @@ impl GmlWriter<'_> {
                     self.object(out, "BuildingPart", part)?;
                     out.write_all(b"</bldg:consistsOfBuildingPart>\n")?;
                 }
+                address(out, parts.iter().find_map(|part| Address::of(&part.attributes)))?;
                 out.write_all(b"</bldg:Building>\n")?;
             }
         }
@@ -152,10 +156,12 @@ impl GmlWriter<'_> {
             out.write_all(b"</gml:CompositeSurface></gml:exterior></gml:Solid></bldg:lod1Solid>\n")?;
             self.terrain_intersection(out, &block)?;
             if self.has_roofs {
-                let roofed = roof_solid::faces(record, &prism, self.grid, Detail::Slopes).unwrap_or(block);
-                self.thematic(out, &id, &roofed)?;
+                let faces = facts.roofed.as_ref().unwrap_or(&block);
+                self.thematic(out, &id, faces, &facts.planes_of(record, faces, self.grid))?;
             }
         }
+        // That of a part is its building's.
+        address(out, Address::of(&record.attributes).filter(|_| record.part_of.is_none()))?;
         writeln!(out, "</bldg:{kind}>")
     }
 
@@ -172,24 +178,26 @@ impl GmlWriter<'_> {
         out.write_all(b"</gml:MultiCurve></bldg:lod1TerrainIntersection>\n")
     }
 
-    /// The solid with its roof, and the surfaces that it is made of.
-    fn thematic(&self, out: &mut dyn Write, id: &str, faces: &[GridFace]) -> io::Result<()> {
+    /// The solid with its roof, and the surfaces that it is made of: one for each plane of the roof and each wall.
+    fn thematic(&self, out: &mut dyn Write, id: &str, faces: &[GridFace], planes: &[RoofSurface]) -> io::Result<()> {
         out.write_all(b"<bldg:lod2Solid><gml:Solid><gml:exterior><gml:CompositeSurface>\n")?;
         for i in 0..faces.len() {
             writeln!(out, "<gml:surfaceMember xlink:href=\"#{id}_face{i}\"/>")?;
         }
         out.write_all(b"</gml:CompositeSurface></gml:exterior></gml:Solid></bldg:lod2Solid>\n")?;
-        for (i, face) in faces.iter().enumerate() {
-            let kind = match face.surface {
+        let in_planes: Vec<usize> = planes.iter().flat_map(|plane| plane.faces.iter().copied()).collect();
+        let alone = (0..faces.len()).filter(|i| !in_planes.contains(i)).map(|i| (vec![i], JsonMap::new()));
+        let of_planes = planes.iter().map(|plane| (plane.faces.clone(), plane.facet.attributes()));
+        for (i, (members, attributes)) in alone.chain(of_planes).enumerate() {
+            let kind = match faces[members[0]].surface {
                 FaceKind::Ground => "GroundSurface",
                 FaceKind::Roof => "RoofSurface",
                 FaceKind::Wall => "WallSurface",
             };
-            writeln!(
-                out,
-                "<bldg:boundedBy><bldg:{kind} gml:id=\"{id}_surface{i}\"><bldg:lod2MultiSurface><gml:MultiSurface>"
-            )?;
-            self.member(out, face, Some(&format!("{id}_face{i}")))?;
+            writeln!(out, "<bldg:boundedBy><bldg:{kind} gml:id=\"{id}_surface{i}\">")?;
+            generics(out, &attributes)?;
+            writeln!(out, "<bldg:lod2MultiSurface><gml:MultiSurface>")?;
+            members.iter().try_for_each(|i| self.member(out, &faces[*i], Some(&format!("{id}_face{i}"))))?;
             writeln!(out, "</gml:MultiSurface></bldg:lod2MultiSurface></bldg:{kind}></bldg:boundedBy>")?;
         }
         Ok(())
@@ -218,6 +226,10 @@ impl GmlWriter<'_> {
         };
         ring.iter().chain(ring.first()).map(corner).collect::<Vec<_>>().join(" ")
     }
+}
+
+fn address(out: &mut dyn Write, address: Option<Address>) -> io::Result<()> {
+    address.map_or(Ok(()), |address| writeln!(out, "{}", address.to_gml()))
 }
 
 /// Attributes as generic ones, those without a value left out.

@@ -14,6 +14,7 @@ use sizeup_geo::geodata::features::{Column, ColumnKind, Row, free_title};
 pub const LIST_SEPARATOR: &str = "; ";
 
 /// The columns of all buildings, and how a building becomes a row.
+#[derive(Debug)]
 pub struct FootprintRows {
     /// The id, ours, then the user's.
     pub columns: Vec<Column>,
@@ -83,6 +84,7 @@ fn flat(value: Value) -> Value {
 }
 
 /// A user's attribute as a column.
+#[derive(Debug)]
 struct Carried {
     /// Name of the attribute in the user's layer.
     name: String,

@@ -22,7 +22,8 @@ use super::{BuildingRecord, CityModel, OutputError, Overview, Records};
 use sizeup_geo::files::{FileError, write_whole, write_whole_or, write_whole_unflushed};
 
 /// Triangles of a building's solid, outwards, on the grid.
-pub(super) struct TriangleSolid {
+#[derive(Debug)]
+pub struct TriangleSolid {
     /// Kind and corners, counter-clockwise seen from outside.
     pub triangles: Vec<(FaceKind, [[i64; 3]; 3])>,
     /// Level of its ground face.
@@ -31,6 +32,7 @@ pub(super) struct TriangleSolid {
 
 impl TriangleSolid {
     /// The solid of a building; `None` where it has none.
+    #[must_use]
     pub fn of(record: &BuildingRecord, grid: &OutputGrid) -> Option<Self> {
         let block = SnappedPrism::of(record, grid, MIN_THICKNESS_M).ok()?;
         let faces = roof_solid::faces(record, &block, grid, Detail::Slopes).unwrap_or_else(|| block.faces());

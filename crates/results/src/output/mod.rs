@@ -25,6 +25,7 @@
 //! `FlatGeobuf` has no place for those without a footprint, and 3D Tiles for those without a height. A model's buildings
 //! may be in memory or come from a file one by one ([`Records`]).
 
+mod address;
 pub mod attributes;
 mod buildings;
 pub mod citygml;
@@ -71,6 +72,7 @@ use sizeup_survey::Survey;
 pub use buildings::{Families, Family, Overview, Records};
 pub use count::StatusCount;
 pub use error::{MalformedFile, OutputError};
+pub use footprints::FootprintRows;
 pub use lineage::{InputFile, Lineage, sha256_hex};
 pub use record::{BuildingRecord, RoofShape, Status};
 pub use sizeup_heights::scene::{HeightReference, RoofForm};

@@ -29,8 +29,19 @@ pub enum FaceKind {
 pub struct GridFace {
     /// Whether the face is roof, wall or ground.
     pub surface: FaceKind,
+    /// Plane of the roof that it is a part of: roof faces of one plane have the same number. 0 for all other faces.
+    #[serde(default)]
+    pub plane: usize,
     /// Exterior counter-clockwise seen from outside the solid, holes clockwise.
     pub rings: Vec<Vec<[i64; 3]>>,
+}
+
+impl GridFace {
+    /// Returns a face that is no part of a roof of several planes.
+    #[must_use]
+    pub fn new(surface: FaceKind, rings: Vec<Vec<[i64; 3]>>) -> Self {
+        Self { surface, plane: 0, rings }
+    }
 }
 
 /// Why a building has no solid.
@@ -118,10 +129,10 @@ impl SnappedPrism {
             ring.iter().enumerate().map(move |(i, &from)| {
                 let to = ring[(i + 1) % ring.len()];
                 let corners = vec![at(from, self.base), at(to, self.base), at(to, self.roof), at(from, self.roof)];
-                GridFace { surface: FaceKind::Wall, rings: vec![corners] }
+                GridFace::new(FaceKind::Wall, vec![corners])
             })
         });
-        [GridFace { surface: FaceKind::Ground, rings: ground }, GridFace { surface: FaceKind::Roof, rings: roof }]
+        [GridFace::new(FaceKind::Ground, ground), GridFace::new(FaceKind::Roof, roof)]
             .into_iter()
             .chain(walls)
             .collect()

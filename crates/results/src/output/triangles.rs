@@ -5,6 +5,7 @@ use geo::triangulate_delaunay::DelaunayTriangulationConfig;
 use geo_types::{Coord, LineString, Polygon, Triangle};
 use glam::DVec3;
 
+use super::grid::OutputGrid;
 use super::planar::cross;
 use super::prism::GridFace;
 use sizeup_geo::triangles::triangulate;
@@ -13,6 +14,15 @@ use sizeup_geo::triangles::triangulate;
 pub fn newell(ring: &[DVec3]) -> DVec3 {
     let from = ring[0];
     ring.windows(2).map(|edge| (edge[0] - from).cross(edge[1] - from)).sum()
+}
+
+/// Vector area of a face: as long as its area, m², and upright to it, outwards.
+pub fn area_m2(face: &GridFace, grid: &OutputGrid) -> DVec3 {
+    let first = face.rings[0][0];
+    let metres =
+        |p: &[i64; 3]| DVec3::from_array(std::array::from_fn(|axis| (p[axis] - first[axis]) as f64)) * grid.scale_m;
+    let of_ring = |ring: &Vec<[i64; 3]>| newell(&ring.iter().map(metres).collect::<Vec<_>>()) / 2.0;
+    face.rings.iter().map(of_ring).sum()
 }
 
 /// Triangles of a face of any direction, counter-clockwise seen from outside, as positions among all corners.
@@ -68,7 +78,7 @@ pub fn keeping_corners(face: &GridFace) -> Option<Vec<GridFace>> {
         if (plan_area(&triangle) < 0.0) != faces_away {
             ring.reverse();
         }
-        Some(GridFace { surface: face.surface, rings: vec![ring] })
+        Some(GridFace { rings: vec![ring], ..*face })
     };
     let made = polygon.constrained_triangulation(DelaunayTriangulationConfig::default()).ok()?;
     made.into_iter().map(of).collect()

@@ -122,7 +122,7 @@ impl Edges {
             let Ok(block) = SnappedPrism::of(part, &grid, LEAST_THICKNESS_M) else { continue };
             let faces =
                 roof_solid::faces(part, &block, &grid, Detail::Slopes).unwrap_or_else(|| SnappedPrism::faces(&block));
-            for GridFace { surface, rings } in faces {
+            for GridFace { surface, rings, .. } in faces {
                 let colour = if surface == FaceKind::Roof { ROOF } else { WALL };
                 let at = |point: &[i64; 3]| DVec3::from(grid.metres(*point));
                 lines.extend(rings.iter().map(|ring| (ring.iter().chain(ring.first()).map(at).collect(), colour)));

@@ -6,6 +6,7 @@ use serde_json::{Map as JsonMap, Value, json};
 
 use super::super::attributes::{self, FIELDS, Field, metres};
 use super::super::facts::SolidFacts;
+use super::super::roof_solid::RoofFacet;
 use super::super::{BuildingRecord, HeightReference, RoofForm, Status};
 use sizeup_geo::geodata::features::ColumnKind;
 
@@ -23,11 +24,24 @@ pub enum AttributeNames {
     #[serde(rename = "sizeup")]
     Sizeup,
     /// Ours, and beside them those of the Dutch 3DBAG (docs.3dbag.nl) that mean the same: `identificatie`,
-    /// `b3_h_maaiveld`, `b3_h_dak_min`, `b3_h_dak_50p` or `b3_h_dak_max` by what the height stands for, all of them and
-    /// `b3_dak_type` and `b3_h_dak_70p` where the roof's form is known, `b3_opp_grond`, `b3_opp_buitenmuur`,
-    /// `b3_opp_scheidingsmuur`, `b3_volume_lod12`, `b3_val3dity_lod12`.
+    /// `b3_h_maaiveld`, `b3_h_dak_min`, `b3_h_dak_50p` or `b3_h_dak_max` by what the height stands for, all of them,
+    /// `b3_dak_type`, `b3_h_dak_70p`, `b3_opp_dak_plat` and `b3_opp_dak_schuin` where the roof's form is known, `b3_bouwlagen`,
+    /// `b3_opp_grond`, `b3_opp_buitenmuur`, `b3_opp_scheidingsmuur`, `b3_volume_lod12`, `b3_volume_lod22`, `b3_val3dity_lod12`; and
+    /// `b3_hellingshoek` and `b3_azimut` of planes of roofs.
     #[serde(rename = "3dbag")]
     ThreeDBag,
+}
+
+/// The attributes of a plane of a roof: `area_m2`, `slope_deg` and `aspect_deg`, in 3DBAG's names too where they are asked for.
+pub fn of_plane(facet: &RoofFacet, names: AttributeNames) -> JsonMap<String, Value> {
+    let mut own = facet.attributes();
+    if names == AttributeNames::ThreeDBag {
+        own.insert("b3_hellingshoek".to_owned(), json!(facet.slope_deg));
+        if let Some(aspect_deg) = facet.aspect_deg {
+            own.insert("b3_azimut".to_owned(), json!(aspect_deg));
+        }
+    }
+    own
 }
 
 /// The attributes of 3DBAG that can be told of a building.
@@ -60,10 +74,23 @@ pub fn three_d_bag(record: &BuildingRecord, solid: &SolidFacts) -> JsonMap<Strin
     if let Some(roof_m) = attributes::roof_70p_z_m(record) {
         set("b3_h_dak_70p", metres(roof_m));
     }
+    if let Some(n) = attributes::n_storeys(record) {
+        set("b3_bouwlagen", json!(n));
+    }
+    if !solid.roof.is_empty() {
+        let area_m2 = |is_flat: bool| -> f64 {
+            solid.roof.iter().filter(|plane| plane.aspect_deg.is_none() == is_flat).map(|plane| plane.area_m2).sum()
+        };
+        set("b3_opp_dak_plat", metres(area_m2(true)));
+        set("b3_opp_dak_schuin", metres(area_m2(false)));
+    }
     if let Some(measures) = solid.measures {
         let area_m2 = record.footprint.as_ref().map_or(f64::NAN, geo::Area::unsigned_area);
         set("b3_opp_grond", metres(area_m2));
         set("b3_volume_lod12", metres(measures.volume_m3));
+        if let Some(roofed) = solid.roofed_measures {
+            set("b3_volume_lod22", metres(roofed.volume_m3));
+        }
         set("b3_val3dity_lod12", json!(format!("{:?}", solid.faults)));
         if let Some(shared_m2) = record.party_wall_m2 {
             set("b3_opp_scheidingsmuur", metres(shared_m2));

@@ -3,13 +3,14 @@
 use crate::output::prism::MIN_THICKNESS_M;
 use serde_json::{Map as JsonMap, Value, json};
 
+use super::super::address::Address;
 use super::super::attributes;
 use super::super::buildings::Family;
 use super::super::facts::SolidFacts;
 use super::super::footprint::SnappedFootprint;
 use super::super::grid::OutputGrid;
 use super::super::prism::{FaceKind, GridFace};
-use super::super::roof_solid::{self, Detail};
+use super::super::roof_solid::{self, Detail, RoofSurface};
 use super::super::textured::Painting;
 use super::super::{BuildingRecord, Status};
 use super::names::{self, AttributeNames};
@@ -40,6 +41,9 @@ impl ObjectSettings<'_> {
                 let mut object = self.solid_object("Building", record, pool);
                 if let Some(Value::Object(own)) = object.get_mut("attributes") {
                     own.extend(attributes::carried(record));
+                }
+                if let Some(address) = Address::of(&record.attributes) {
+                    object["address"] = json!([address.to_json()]);
                 }
                 vec![(record.id.clone(), object)]
             }
@@ -80,6 +84,9 @@ impl ObjectSettings<'_> {
         all.extend(parts.iter().flat_map(attributes::carried));
         let children: Vec<&String> = objects.iter().map(|(id, _)| id).collect();
         let mut whole = json!({ "type": "Building", "attributes": all, "children": children, "geometry": [] });
+        if let Some(address) = parts.iter().find_map(|part| Address::of(&part.attributes)) {
+            whole["address"] = json!([address.to_json()]);
+        }
         let boxes = objects
             .iter()
             .filter_map(|(_, o)| serde_json::from_value::<[f64; 6]>(o["geographicalExtent"].clone()).ok());
@@ -104,24 +111,25 @@ impl ObjectSettings<'_> {
         match prism {
             Ok(prism) => {
                 let block = prism.faces();
-                let roofed = roof_solid::faces(record, &prism, self.grid, Detail::Slopes);
-                let top = roofed.iter().flatten().flat_map(|face| face.rings.iter().flatten()).map(|p| p[2]);
+                let roofed = facts.roofed.as_ref();
+                let top = roofed.into_iter().flatten().flat_map(|face| face.rings.iter().flatten()).map(|p| p[2]);
                 let top = top.fold(prism.roof(), i64::max);
                 object["geographicalExtent"] = json!(extent(prism.footprint(), prism.base(), top, self.grid));
-                let mut solid = |lod: &str, faces: &[GridFace]| {
-                    let mut solid = solid(lod, faces, pool);
+                let mut solid = |lod: &str, faces: &[GridFace], planes: &[RoofSurface]| {
+                    let mut solid = solid(lod, faces, &self.surfaces(faces, planes), pool);
                     if let Some(painting) = self.painting {
                         painting.paint(&record.id, faces, &mut solid);
                     }
                     solid
                 };
-                let mut geometry = vec![solid("1.2", &block)];
+                let mut geometry = vec![solid("1.2", &block, &[])];
                 if self.has_roofs {
                     // A block where the roof is flat or not known, or makes no solid with the footprint: who takes one of these
                     // levels has all buildings.
                     let levelled = roof_solid::faces(record, &prism, self.grid, Detail::Levels);
-                    geometry.push(solid("1.3", levelled.as_ref().unwrap_or(&block)));
-                    geometry.push(solid("2.0", roofed.as_ref().unwrap_or(&block)));
+                    geometry.push(solid("1.3", levelled.as_ref().unwrap_or(&block), &[]));
+                    let roofed = roofed.unwrap_or(&block);
+                    geometry.push(solid("2.0", roofed, &facts.planes_of(record, roofed, self.grid)));
                 }
                 object["geometry"] = Value::Array(geometry);
             }
@@ -133,6 +141,31 @@ impl ObjectSettings<'_> {
             }
         }
         object
+    }
+
+    /// Semantic surfaces of a solid: ground, the roof, with a surface for each of its planes where these are given, and walls.
+    fn surfaces(&self, faces: &[GridFace], planes: &[RoofSurface]) -> Value {
+        let roof = |attributes: JsonMap<String, Value>| {
+            let kind = std::iter::once(("type".to_owned(), json!("RoofSurface")));
+            Value::Object(kind.chain(attributes).collect())
+        };
+        let mut roofs: Vec<Value> =
+            planes.iter().map(|plane| roof(names::of_plane(&plane.facet, self.config.names))).collect();
+        if roofs.is_empty() {
+            roofs.push(roof(JsonMap::new()));
+        }
+        let index = |face: &GridFace| match face.surface {
+            FaceKind::Ground => 0,
+            FaceKind::Roof => 1,
+            FaceKind::Wall => roofs.len() + 1,
+        };
+        let mut values: Vec<usize> = faces.iter().map(index).collect();
+        for (i, plane) in planes.iter().enumerate() {
+            plane.faces.iter().for_each(|face| values[*face] = i + 1);
+        }
+        let (ground, wall) = (json!({ "type": "GroundSurface" }), json!({ "type": "WallSurface" }));
+        let surfaces: Vec<Value> = std::iter::once(ground).chain(roofs).chain([wall]).collect();
+        json!({ "surfaces": surfaces, "values": [values] })
     }
 
     /// Remainder of a building without a solid: its footprint on the ground, if both are known.
@@ -154,25 +187,13 @@ fn surface(footprint: &SnappedFootprint, level: i64, pool: &mut VertexPool) -> V
     })
 }
 
-/// A `Solid` of one shell, with one semantic surface per kind.
-fn solid(lod: &str, faces: &[GridFace], pool: &mut VertexPool) -> Value {
-    let mut shell: Vec<Vec<Vec<u32>>> = Vec::with_capacity(faces.len());
-    let mut kinds: Vec<u8> = Vec::with_capacity(faces.len());
-    for face in faces {
-        shell.push(face.rings.iter().map(|ring| ring.iter().map(|p| pool.index_of(*p)).collect()).collect());
-        kinds.push(match face.surface {
-            FaceKind::Ground => 0,
-            FaceKind::Roof => 1,
-            FaceKind::Wall => 2,
-        });
-    }
-    json!({
-        "type": "Solid", "lod": lod, "boundaries": [shell],
-        "semantics": {
-            "surfaces": [{ "type": "GroundSurface" }, { "type": "RoofSurface" }, { "type": "WallSurface" }],
-            "values": [kinds],
-        },
-    })
+/// A `Solid` of one shell.
+fn solid(lod: &str, faces: &[GridFace], semantics: &Value, pool: &mut VertexPool) -> Value {
+    let mut face = |face: &GridFace| -> Vec<Vec<u32>> {
+        face.rings.iter().map(|ring| ring.iter().map(|p| pool.index_of(*p)).collect()).collect()
+    };
+    let shell: Vec<Vec<Vec<u32>>> = faces.iter().map(&mut face).collect();
+    json!({ "type": "Solid", "lod": lod, "boundaries": [shell], "semantics": semantics })
 }
 
 /// Box between two levels in the map frame, metres, rounded like everything else.

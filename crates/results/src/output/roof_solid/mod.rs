@@ -31,7 +31,7 @@ use super::footprint::{Ring, SnappedFootprint};
 use super::grid::OutputGrid;
 use super::prism::{FaceKind, GridFace, SnappedPrism};
 use super::{BuildingRecord, RoofShape, validate};
-pub use facets::{RoofFacet, facets};
+pub use facets::{RoofFacet, RoofSurface, facets, surfaces};
 use plan::{NodeLevels, RoofPlan};
 
 /// Least height of a wall, metres.
@@ -75,10 +75,10 @@ pub fn faces(
         return None;
     }
     let floor = footprint.rings().iter().map(|ring| ring.iter().rev().map(|[x, y]| [*x, *y, block.base()]).collect());
-    let mut faces = vec![GridFace { surface: FaceKind::Ground, rings: floor.collect() }];
+    let mut faces = vec![GridFace::new(FaceKind::Ground, floor.collect())];
     faces.extend(plan.patches.iter().map(|patch| {
         let ring = |ring: &Ring| ring.iter().map(|node| levels.at(*node, patch.plane)).collect();
-        GridFace { surface: FaceKind::Roof, rings: patch.rings.iter().map(ring).collect() }
+        GridFace { surface: FaceKind::Roof, plane: patch.plane, rings: patch.rings.iter().map(ring).collect() }
     }));
     faces.extend(walls::outer(&plan, &levels, block.base()));
     faces.extend(walls::inner(&plan, &levels)?);
@@ -285,6 +285,28 @@ mod tests {
         let found = facets(&house(&rectangle(), 20.0, flat), &block, &grid);
         assert_eq!(found.len(), 1);
         assert!((found[0].area_m2 - 96.0).abs() < 1e-6 && found[0].aspect_deg.is_none(), "{found:?}");
+    }
+
+    #[test]
+    fn faces_of_one_plane_are_one_surface_with_its_area_slope_and_aspect() {
+        // Slopes of 45 degrees over 96 m2; the grid has bent two of them, which are two triangles each.
+        let record = house(&rectangle(), 20.0, RoofShape::new(RoofForm::Hip, 4.0, 8.0));
+        let (grid, _) = OutputGrid::over(std::slice::from_ref(&record), 0.001).unwrap();
+        let block = SnappedPrism::of(&record, &grid, 0.1).unwrap();
+        let faces = faces(&record, &block, &grid, Detail::Slopes).unwrap();
+        let found = surfaces(&faces, &grid);
+        assert_eq!((found.len(), n_roofs(&faces)), (4, 6));
+        let members: std::collections::BTreeSet<usize> = found.iter().flat_map(|s| s.faces.iter().copied()).collect();
+        assert!(members.len() == 6 && members.iter().all(|i| faces[*i].surface == FaceKind::Roof), "{members:?}");
+        let area_m2: f64 = found.iter().map(|surface| surface.facet.area_m2).sum();
+        assert!((area_m2 - 96.0 * 2.0_f64.sqrt()).abs() < 0.5, "{area_m2}");
+        // Turned by 20 degrees: they look to 70, 160, 250 and 340 degrees.
+        let mut aspects: Vec<f64> = found.iter().filter_map(|surface| surface.facet.aspect_deg).collect();
+        aspects.sort_by(f64::total_cmp);
+        for (aspect, expected) in aspects.iter().zip([70.0, 160.0, 250.0, 340.0]) {
+            assert!((aspect - expected).abs() < 0.5, "{aspects:?}");
+        }
+        assert!(found.iter().all(|surface| (surface.facet.slope_deg - 45.0).abs() < 1.0), "{found:?}");
     }
 
     #[test]

@@ -25,7 +25,7 @@ pub(super) fn outer(plan: &RoofPlan, levels: &NodeLevels, base: i64) -> impl Ite
             }
         }
         ring.extend(levels.between(from, levels.level(from, planes[0]), base));
-        GridFace { surface: FaceKind::Wall, rings: vec![ring] }
+        GridFace::new(FaceKind::Wall, vec![ring])
     })
 }
 
@@ -52,7 +52,7 @@ pub(super) fn inner(plan: &RoofPlan, levels: &NodeLevels) -> Option<Vec<GridFace
             ring.push(levels.at(from, left));
         }
         ring.extend(levels.between(from, high[0], low[0]));
-        walls.push(GridFace { surface: FaceKind::Wall, rings: vec![ring] });
+        walls.push(GridFace::new(FaceKind::Wall, vec![ring]));
     }
     Some(walls)
 }

@@ -184,7 +184,7 @@ impl TexturedSolid {
         let on_grid = |face: &GridFace| {
             let corner = |p: &[i64; 3]| std::array::from_fn(|axis| p[axis] - origin[axis]);
             let rings = face.rings.iter().map(|ring| ring.iter().map(corner).collect()).collect();
-            GridFace { surface: face.surface, rings }
+            GridFace { rings, ..*face }
         };
         let paint = |paint: &FacePaint| match paint {
             FacePaint::Picture { page, uv } => FacePaint::Picture { page: n_before + page, uv: uv.clone() },
@@ -285,7 +285,7 @@ impl Document {
             rings
                 .iter()
                 .all(|ring| ring.len() >= 3)
-                .then_some(GridFace { surface, rings })
+                .then(|| GridFace::new(surface, rings))
                 .filter(|face| !face.rings.is_empty())
         };
         solid["boundaries"][0].as_array()?.iter().enumerate().map(face).collect()
