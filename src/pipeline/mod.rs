@@ -66,7 +66,7 @@ pub use settings::{
     RecordSettings, SceneSettings, SurveySettings,
 };
 pub use stage_data::{FootprintStage, HeightStage};
-pub use textures::{BuildingTexture, PaintedTile, TextureScene, TextureSummary, texture};
+pub use textures::{BuildingTexture, PaintedTile, TextureScene, TextureSummary, Texturing, texture};
 pub use tile::{CityPart, PartHashes, PartHeights, find_footprints, footprints_around, layer_of, refused_records};
 
 use schemars::JsonSchema;

@@ -2,7 +2,7 @@
 //
 //     node tests/web/textures.mjs NODE_MODULES CHROMIUM ADDRESS FOLDER
 //
-// Prints JSON: errors, the ways to colour, and which is chosen first. The pictures are FOLDER/WAY.png.
+// Prints JSON: errors, the ways to colour, which is chosen first, and which grounds are hidden. The pictures are FOLDER/WAY.png.
 
 import { join } from "node:path";
 import { launch, watchedPage } from "./browser.mjs";
@@ -15,6 +15,8 @@ const page = await watchedPage(browser, said.errors);
 await page.goto(address);
 await page.waitForFunction(() => window.sizeup?.showsPhotos());
 said.first = await page.inputValue("#colour");
+// Which grounds of a streamed city are hidden.
+said.grounds = await page.evaluate(() => [...(window.sizeup.scene?.photoChunks ?? [])].map(({ isHidden }) => Boolean(isHidden)));
 said.ways = await page.evaluate(() => [...document.querySelectorAll("#colour option")].map((option) => option.value));
 for (const way of ["textures", "height", "status"]) {
   await page.selectOption("#colour", way);

@@ -1,6 +1,7 @@
 // The report: reads the page's data, draws everything, and keeps the pictures and the address in step.
 
 const data = JSON.parse(byId("data").textContent);
+data.textured = JSON.parse(byId("textured").textContent) ?? undefined;
 data.byId = new Map(data.buildings.map((b, i) => [b.id, i]));
 data.parts = partsByWhole(data.buildings);
 data.buildings.forEach((b) => { for (const key of ["ground", "base", "height", "sigma"]) b[key] ??= null; });
@@ -73,8 +74,8 @@ function fillScene() {
 // The city and its ground with the colours of photos.
 function addTextures() {
   const inMap = { point: (p) => p, direction: (p) => p };
-  for (const text of [data.textured?.buildings, data.textured?.ground]) {
-    if (!text) continue;
+  if (!data.textured) return;
+  for (const text of [data.textured.buildings, ...data.textured.grounds]) {
     const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
     scene.addPhotoChunk(meshOfGlb(readGlb(bytes.buffer), inMap));
   }

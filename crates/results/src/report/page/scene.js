@@ -359,7 +359,7 @@ class Scene {
     const isPhoto = (chunk) => this.hasPhotos && (chunk.isReplaced || chunk.pictures.length > 0);
     const plain = seen.filter((chunk) => !isPhoto(chunk));
     const [large, small] = isSimple ? this.splitBySize(plain) : [plain, []];
-    const photos = this.hasPhotos ? [...this.photoChunks].filter(({ isGround }) => (isGround ? show.ground : show.buildings)) : [];
+    const photos = this.hasPhotos ? [...this.photoChunks].filter(({ isGround, isHidden }) => !isHidden && (isGround ? show.ground : show.buildings)) : [];
     if (this.ground && show.ground && !photos.some(({ isGround }) => isGround && this.ground.isTerrain)) this.drawGround(clip, shadowMatrix);
     this.drawFaces(clip, shadowMatrix, large);
     this.drawBoxes(clip, small);
