@@ -1,6 +1,6 @@
 //! The textured city of a run: its solids, its ground and its photos brought together.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -162,7 +162,7 @@ impl TextureScene {
     }
 }
 
-/// Cells between nodes that no photo shows a pixel of.
+/// Cells between nodes that no photo shows a pixel of, from the edges inwards: small ones between houses are filled.
 fn cells_without(shown: &GrayImage, n_nodes: [usize; 2]) -> Vec<usize> {
     let size = [shown.width(), shown.height()];
     let n_cells = n_nodes.map(|n| n - 1);
@@ -170,11 +170,29 @@ fn cells_without(shown: &GrayImage, n_nodes: [usize; 2]) -> Vec<usize> {
         let edge = |node: usize| node as f64 * f64::from(size[axis]) / n_cells[axis] as f64;
         edge(cell) as u32..(edge(cell + 1).ceil() as u32).min(size[axis])
     };
-    let is_hidden = |cell: &usize| {
+    let is_hidden = |cell: &usize| -> bool {
         let mut rows = pixels(1, cell / n_cells[0]);
         rows.all(|y| pixels(0, cell % n_cells[0]).all(|x| shown.get_pixel(x, y)[0] == 0))
     };
-    (0..n_cells[0] * n_cells[1]).filter(is_hidden).collect()
+    let mut is_open: Vec<bool> = (0..n_cells[0] * n_cells[1]).map(|cell| is_hidden(&cell)).collect();
+    let is_at_edge = |cell: usize| {
+        let [col, row] = [cell % n_cells[0], cell / n_cells[0]];
+        col == 0 || row == 0 || col + 1 == n_cells[0] || row + 1 == n_cells[1]
+    };
+    let mut next: Vec<usize> = (0..is_open.len()).filter(|&cell| is_at_edge(cell)).collect();
+    let mut outside = BTreeSet::new();
+    while let Some(cell) = next.pop() {
+        if !std::mem::take(&mut is_open[cell]) {
+            continue;
+        }
+        outside.insert(cell);
+        let [col, row] = [cell % n_cells[0], cell / n_cells[0]];
+        next.extend((col > 0).then(|| cell - 1));
+        next.extend((col + 1 < n_cells[0]).then(|| cell + 1));
+        next.extend((row > 0).then(|| cell - n_cells[0]));
+        next.extend((row + 1 < n_cells[1]).then(|| cell + n_cells[0]));
+    }
+    outside.into_iter().collect()
 }
 
 /// Surfaces where the photos show them.
@@ -371,4 +389,22 @@ pub fn texture(settings: &RunSettings<'_>) -> Result<Texturing, PipelineError> {
         written.push(page);
     }
     Ok(Texturing { summary, issues: textures.issues, written })
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Luma;
+
+    use super::*;
+
+    #[test]
+    fn ground_that_no_photo_shows_is_left_out_at_the_edge_and_filled_between_houses() {
+        // Cells of two pixels: those of the western column, one beside it and one in the middle are hidden.
+        let is_hidden = |x: u32, y: u32| x < 2 || (x < 4 && y < 2) || ((6..8).contains(&x) && (4..6).contains(&y));
+        let shown = GrayImage::from_fn(10, 10, |x, y| Luma([if is_hidden(x, y) { 0 } else { 255 }]));
+        assert_eq!(cells_without(&shown, [6, 6]), [0, 1, 5, 10, 15, 20]);
+        // A pixel of a cell is enough.
+        let one = GrayImage::from_fn(10, 10, |x, y| Luma([if is_hidden(x, y) && (x, y) != (1, 9) { 0 } else { 255 }]));
+        assert_eq!(cells_without(&one, [6, 6]), [0, 1, 5, 10, 15]);
+    }
 }

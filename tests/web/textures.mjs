@@ -15,8 +15,8 @@ const page = await watchedPage(browser, said.errors);
 await page.goto(address);
 await page.waitForFunction(() => window.sizeup?.showsPhotos());
 said.first = await page.inputValue("#colour");
-// Which grounds of a streamed city are hidden.
-said.grounds = await page.evaluate(() => [...(window.sizeup.scene?.photoChunks ?? [])].map(({ isHidden }) => Boolean(isHidden)));
+// Which grounds of a streamed city are hidden, those that are not first.
+said.grounds = await page.evaluate(() => [...(window.sizeup.scene?.photoChunks ?? [])].map(({ isHidden }) => Boolean(isHidden)).sort());
 said.ways = await page.evaluate(() => [...document.querySelectorAll("#colour option")].map((option) => option.value));
 for (const way of ["textures", "height", "status"]) {
   await page.selectOption("#colour", way);

@@ -58,8 +58,10 @@ function createTileset(scene, on) {
     tileset.json = json;
     tileset.root = tileOf(json.root, wide.identity, new URL(".", new URL(address, location.href)).href);
     tileset.frame = firstFrame(tileset.root);
-    const sphere = sphereOf(tileset.root);
-    return { ...sphere };
+    // The middle of its box, and half axes of it.
+    const { box } = tileset.root.json.boundingVolume;
+    const corners = cornersOf([-1, -1, -1], [1, 1, 1]).map((signs) => [0, 1, 2].map((i) => box[i] + vec.dot(signs, [box[3 + i], box[6 + i], box[9 + i]])));
+    return { ...sphereOf(tileset.root), corners: corners.map((p) => wide.point(localFrom(tileset.root), p)) };
   };
 
   // The first transform on the way down is the frame of the picture.
