@@ -483,6 +483,9 @@ fn ground_with_a_large_picture_has_a_small_one_for_far_away_and_a_hole_where_no_
     std::fs::create_dir_all(&out).unwrap();
     let Some(said) = browse("textures.mjs", &address, &[out.to_str().unwrap()]) else { return };
     assert_eq!((&said["errors"], &said["grounds"]), (&json!([]), &json!([false, true])), "{said:#}");
+    // The city fills nine tenths of the picture, one way or the other.
+    let reach: [f64; 2] = serde_json::from_value(said["reach"].clone()).unwrap();
+    assert!((reach[0].max(reach[1]) - 0.9).abs() < 0.01, "{reach:?}");
 }
 
 #[test]
