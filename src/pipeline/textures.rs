@@ -352,7 +352,7 @@ fn write_scene(
 /// Result of texturing a finished result.
 #[derive(Debug)]
 pub struct Texturing {
-    /// The numbers.
+    /// Numbers of the textured city, as in its `textures.json`.
     pub summary: TextureSummary,
     /// Notes on photos and surfaces.
     pub issues: Vec<Issue>,

@@ -43,7 +43,7 @@ const OF_VIEW: [&str; 2] = [include_str!("page/tileset.js"), include_str!("page/
 /// Keys that only the report has.
 const KEYS_OF_REPORT: &str = "N and P go to the next and the previous building, ";
 
-/// What stands before the textures in the report, and behind them.
+/// Tags before and behind the textures in the report.
 const AROUND_TEXTURES: [&str; 2] = ["<script type=\"application/json\" id=\"textured\">", "</script>"];
 
 /// A report with other textures, JSON; `None` where it has no place for them.
