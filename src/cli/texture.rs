@@ -9,7 +9,6 @@ use super::{Failure, Global, Ui, counted, print_json};
 use crate::config::{RunConfig, SAVED_NAME};
 use crate::pipeline::{self, RunSettings};
 use sizeup_photos::textures::TexturedArea;
-use sizeup_results::output::textured::FOLDER;
 
 /// Arguments of `sizeup texture`.
 #[derive(Debug, Clone, Args)]
@@ -17,8 +16,8 @@ use sizeup_results::output::textured::FOLDER;
   sizeup texture result
   sizeup texture result --set output.textures.texel_m=0.2
 
-It writes result/textured/ with city.city.json, its pictures, and city.glb. `sizeup run` does the same where the
-configuration has `output.textures.enabled = true`.")]
+It writes result/textured/ with city.city.json, its pictures, and city.glb, and puts the textures into result/report.html. `sizeup run`
+does the same where the configuration has `output.textures.enabled = true`.")]
 pub struct TextureArgs {
     /// Folder of a finished result, with its `config.toml` and `stages`.
     pub result: PathBuf,
@@ -33,7 +32,7 @@ pub(super) fn run(args: &TextureArgs, global: &Global) -> Result<u8, Failure> {
     config.limits.set();
     config.project.output.clone_from(&args.result);
     warn_of_unfinished(&args.result, global);
-    let (summary, issues) =
+    let pipeline::Texturing { summary, issues, written } =
         pipeline::texture(&RunSettings::of(&config)).map_err(|e| Failure::new(e.exit_code(), &e))?;
     let ui = Ui::new(global);
     for issue in &issues {
@@ -49,7 +48,7 @@ pub(super) fn run(args: &TextureArgs, global: &Global) -> Result<u8, Failure> {
         summary.texel_m,
         share(&summary.roofs),
         share(&summary.walls),
-        args.result.join(FOLDER).display()
+        written.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
     ));
     if global.json {
         print_json(&summary)?;

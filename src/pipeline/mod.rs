@@ -38,7 +38,7 @@ pub use dtm::{dtm_of_photos, write_dtm};
 pub use error::PipelineError;
 pub use output::records::{reviews_of, unstated_reference};
 pub use output::report::{photos_for_city_report, write_city_report};
-pub use output::textures::{BuildingTexture, PaintedTile, TextureScene, TextureSummary, texture};
+pub use output::textures::{BuildingTexture, PaintedTile, TextureScene, TextureSummary, Texturing, texture};
 pub use output::write_project;
 pub use photo_ground::PhotoGround;
 pub use recipes::{files_of, footprint_files};

@@ -340,7 +340,7 @@ impl<'a> CityPart<'a> {
         scene: &SceneStage,
     ) -> Result<PaintedTile, PipelineError> {
         let (own, others): (Vec<_>, Vec<_>) = records.iter().cloned().partition(|record| self.owns(&record.id, core));
-        PaintedTile::new(self.settings.output.config, (&own, &others), &self.survey, scene)
+        PaintedTile::new(self.settings.output.config, (&own, &others), core, &self.survey, scene)
     }
 
     /// Middle of the footprint that a building of the result comes from, by the building's id: its own, or that of the

@@ -209,7 +209,7 @@ impl JoinedCity<'_> {
         let painted: Vec<PathBuf> = self.files(textured::FOLDER).into_iter().filter(is_textured).collect();
         let painted = if painted.is_empty() { None } else { Some(TexturedCity::of_tiles(&painted)?) };
         let no_tileset = write_tileset(&folder.join(TILESET), &model, (tileset, painted.as_ref()))?;
-        let photos = self.write_page(&settings.output, &model, count.n_buildings())?;
+        let photos = self.write_page(&settings.output, (&model, painted.as_ref()), count.n_buildings())?;
         write_issues(&folder.join("issues.json"), &issues)?;
         write_json(&folder.join("lineage.json"), &lineage)?;
         let seams = seams::compare(&records.files, &self.files(HALO))?;
@@ -256,7 +256,7 @@ impl JoinedCity<'_> {
     fn write_page(
         &self,
         settings: &OutputSettings<'_>,
-        model: &CityModel<'_, TileRecords>,
+        (model, painted): (&CityModel<'_, TileRecords>, Option<&TexturedCity>),
         n_buildings: usize,
     ) -> Result<Option<Hashed>, TilesError> {
         let folder = self.layout.folder();
@@ -273,7 +273,7 @@ impl JoinedCity<'_> {
         }
         let CityModel { crs, lineage, issues, survey, .. } = *model;
         let model = CityModel { records: records.as_slice(), crs, lineage, issues, survey };
-        let photos = write_city_report(settings, folder, &model)?;
+        let photos = write_city_report(settings, folder, &model, painted)?;
         // One on a server is not read a second time: as elsewhere, it is known by its name.
         let here = photos.iter().filter(|photo| !is_virtual(photo));
         let hash = |photo: &PathBuf| hash_of(photo).map(|sha256| (photo.display().to_string(), sha256));

@@ -293,12 +293,18 @@ fn the_bytes_are_the_same_on_one_thread_and_on_several() {
 }
 
 fn write(folder: &Path, town: &Painted) {
+    write_on(folder, town, RgbImage::from_pixel(8, 8, Rgb(GROUND)));
+}
+
+/// The same with a picture of the ground; no photo shows the western half of it.
+fn write_on(folder: &Path, town: &Painted, picture: RgbImage) {
     let crs = Crs::parse("EPSG:25832").unwrap();
     let lineage = Lineage { crs: "EPSG:25832".to_owned(), ..Lineage::default() };
     let survey = Survey::default();
     let model = town.model(&crs, &lineage, &survey);
     let ground = TexturedGround {
-        picture: RgbImage::from_pixel(8, 8, Rgb(GROUND)),
+        hidden_cells: if picture.width() > 8 { vec![0] } else { Vec::new() },
+        picture,
         bounds_m: [AT.x - 10.0, AT.y - 40.0, AT.x + 40.0, AT.y + 20.0],
         n_nodes: [3, 2],
         heights_m: vec![AT.z; 6],
@@ -384,8 +390,12 @@ fn a_city_without_photos_is_written_in_plain_colours() {
 
 /// Writes a textured town and 3D Tiles of it.
 fn write_tiles(folder: &Path, town: &Painted, precision: Precision) -> std::path::PathBuf {
+    write(&folder.join("textured"), town);
+    tiles_of_written(folder, town, precision)
+}
+
+fn tiles_of_written(folder: &Path, town: &Painted, precision: Precision) -> std::path::PathBuf {
     let (textured, tiles) = (folder.join("textured"), folder.join("tiles"));
-    write(&textured, town);
     let city = TexturedCity::of_result(&textured).unwrap().unwrap();
     let crs = Crs::parse("EPSG:25832").unwrap();
     let lineage = Lineage { crs: "EPSG:25832".to_owned(), ..Lineage::default() };
@@ -443,6 +453,39 @@ fn tiles_of_a_textured_city_have_its_colours_its_features_and_its_ground() {
         let _ = triangles_of_valid_gltf(&[path, tiles.join("tiles/ground.glb")]);
         is_valid_tileset(&tiles);
     }
+}
+
+#[test]
+fn ground_with_a_large_picture_has_a_small_one_for_far_away_and_a_hole_where_no_photo_shows_it() {
+    let (folder, town) = (tempfile::tempdir().unwrap(), Painted::plain());
+    write_on(&folder.path().join("textured"), &town, RgbImage::from_pixel(1250, 1500, Rgb(GROUND)));
+    let tiles = tiles_of_written(folder.path(), &town, Precision::Float);
+    is_valid_tileset(&tiles);
+    let tileset: Value = serde_json::from_slice(&std::fs::read(tiles.join("tileset.json")).unwrap()).unwrap();
+    let far = &tileset["root"]["children"][1];
+    assert_eq!((&far["content"]["uri"], &far["refine"]), (&json!("tiles/ground-far.glb"), &json!("REPLACE")));
+    assert_eq!(far["children"][0]["content"]["uri"], "tiles/ground.glb");
+    // 60 m on 512 pixels: one of them is 0.117 m.
+    let error_m = far["geometricError"].as_f64().unwrap();
+    assert!((error_m - 8.0 * 60.0 / 512.0).abs() < 0.01, "{error_m}");
+    for name in ["ground-far.glb", "ground.glb"] {
+        let path = tiles.join("tiles").join(name);
+        let glb = Glb::read(&path);
+        assert!(is_near(glb.colour(glb.primitive(), 0), GROUND));
+        let triangles = triangles_of_valid_gltf(&[path]);
+        assert!(triangles.is_none_or(|triangles| triangles == 2), "{name}: one cell of two: {triangles:?}");
+    }
+    // The viewer shows the near one alone once it is there.
+    let server = report::Server::bind(&tiles, &tiles, 0).unwrap();
+    let address = server.address();
+    std::thread::spawn(move || server.run());
+    let out = picture("textures-far");
+    std::fs::create_dir_all(&out).unwrap();
+    let Some(said) = browse("textures.mjs", &address, &[out.to_str().unwrap()]) else { return };
+    assert_eq!((&said["errors"], &said["grounds"]), (&json!([]), &json!([false, true])), "{said:#}");
+    // The city fills nine tenths of the picture, one way or the other.
+    let reach: [f64; 2] = serde_json::from_value(said["reach"].clone()).unwrap();
+    assert!((reach[0].max(reach[1]) - 0.9).abs() < 0.01, "{reach:?}");
 }
 
 #[test]
@@ -572,9 +615,30 @@ fn a_finished_result_is_textured_afterwards_as_within_the_run() {
     let coarse = scene.sizeup(&["texture", "result", "--set", "output.textures.texel_m=0"]);
     assert!(coarse.code == 2 && coarse.stderr.contains("`texel_m` is 0: expected 0.01 to 10 m"), "{}", coarse.stderr);
     // Results that are written without textures do not keep those of an earlier run.
+    let textured_page = std::fs::read_to_string(scene.path("result/report.html")).unwrap();
     let again = scene.run(&["--from", "output"]);
     assert!(again.code == 0 || again.code == 5, "{}", again.stderr);
     assert!(!scene.path("result/textured").exists());
+    // Nor does the report; textured again it has the same as within the run, and is named.
+    let page = || std::fs::read_to_string(scene.path("result/report.html")).unwrap();
+    let textures = |page: &str| {
+        let (_, block) = page.split_once("<script type=\"application/json\" id=\"textured\">").unwrap();
+        block.split_once("</script>").unwrap().0.to_owned()
+    };
+    let plain_page = page();
+    assert_eq!(textures(&plain_page), "null");
+    let later = scene.sizeup(&["texture", "result"]);
+    assert!(later.stderr.contains("result/textured, result/report.html"), "{}", later.stderr);
+    assert!(textures(&page()).len() > 1000);
+    assert_eq!(textures(&page()), textures(&textured_page));
+    assert_eq!(page().replace(&textures(&page()), "null"), plain_page);
+    std::fs::remove_file(scene.path("result/report.html")).unwrap();
+    let without = scene.sizeup(&["texture", "result"]);
+    assert!(
+        !without.stderr.contains("report.html") && !scene.path("result/report.html").exists(),
+        "{}",
+        without.stderr
+    );
     let nowhere = scene.sizeup(&["texture", "elsewhere"]);
     assert!(nowhere.code == 2 && nowhere.stderr.contains("elsewhere/config.toml"), "{}", nowhere.stderr);
 }

@@ -170,6 +170,11 @@ fn photos_lie_under_the_map_of_a_city_in_tiles_and_one_that_changes_makes_its_pa
     assert_eq!(status()["merge"], "stale");
 }
 
+/// West, south, east and north of a tile of a plan.
+fn core_of(tile: &Value) -> [f64; 4] {
+    ["west_m", "south_m", "east_m", "north_m"].map(|side| tile["core"][side].as_f64().unwrap())
+}
+
 #[test]
 fn a_city_in_tiles_is_textured_tile_by_tile_and_again_where_a_picture_is_gone() {
     let scene = Scene::new();
@@ -196,6 +201,23 @@ fn a_city_in_tiles_is_textured_tile_by_tile_and_again_where_a_picture_is_gone() 
         glbs.filter(|(_, glb)| glb.windows(picture.len()).any(|bytes| bytes == picture)).count()
     };
     assert!(pictures.iter().all(|picture| in_tiles(&once[*picture]) >= 1));
+    // So is their ground, edge to edge, and all of it is in the report.
+    let cores: Vec<[f64; 4]> = scene.json("city/tiles.json")["tiles"].as_array().unwrap().iter().map(core_of).collect();
+    let mut grounds: Vec<[f64; 4]> = Vec::new();
+    for (name, text) in once.iter().filter(|(name, _)| name.ends_with("textured/ground.json")) {
+        let ground: Value = serde_json::from_slice(text).unwrap();
+        grounds.push(serde_json::from_value(ground["bounds_m"].clone()).unwrap());
+        let picture = &once[&name.replace("ground.json", "appearance/ground.jpg")];
+        // Photos of one colour: the grounds of several tiles have the same picture.
+        assert!(in_tiles(picture) >= 1, "{name}");
+    }
+    assert!(grounds.len() > 1, "{:?}", once.keys());
+    let is_same = |a: &[f64; 4], b: &[f64; 4]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+    assert!(grounds.iter().all(|ground| cores.iter().any(|core| is_same(ground, core))), "{grounds:?} {cores:?}");
+    let page = String::from_utf8(once["report.html"].clone()).unwrap();
+    let (_, textures) = page.split_once("id=\"textured\">").unwrap();
+    let textures: Value = serde_json::from_str(textures.split_once("</script>").unwrap().0).unwrap();
+    assert_eq!(textures["grounds"].as_array().map(Vec::len), Some(grounds.len()));
     let gone = pictures[0];
     fs::remove_file(scene.path("city").join(gone)).unwrap();
     let id = gone.trim_start_matches("tiles/").split('/').next().unwrap();

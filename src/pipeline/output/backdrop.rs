@@ -6,6 +6,7 @@
 //! ```
 //! Few photos are read: those that together see most of the town.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use geo::BoundingRect as _;
@@ -72,29 +73,52 @@ pub(in crate::pipeline) fn lay(
     longest_px: u32,
     effort: Effort,
 ) -> Option<Backdrop> {
-    let sheet = BackdropSheet::around(records, terrain, longest_px)?;
+    let sheet = BackdropSheet::over(town_of(records)?, (terrain, level_of(records)), (LEAST_PX_M, longest_px))?;
     let at_hand: Vec<&View> = at_hand(views).collect();
     let chosen = choose(&at_hand, &sheet, effort, &mut sheet.nowhere(effort));
-    sheet.lay(&chosen, None)
+    sheet.lay(&chosen)
 }
 
-/// Lays photos there with pixels of this size, metres, only where buildings do not hide the ground from them: nadir photos, and
+/// Lays photos on an area with pixels of this size, metres, only where buildings do not hide the ground from them: nadir photos, and
 /// oblique ones where those do not reach. `None` where no photo at hand shows any of it.
 pub(in crate::pipeline) fn lay_where_seen(
     views: &[View],
-    records: &[BuildingRecord],
+    (area, mean_m): (MapBox, f64),
     terrain: &Terrain,
-    (px_m, most_px): (f64, u32),
+    size: (f64, u32),
     sight: Sight<'_>,
 ) -> Option<Backdrop> {
-    let sheet = BackdropSheet::around(records, terrain, most_px)?.coarsened(px_m);
-    let mut is_covered = sheet.nowhere(TOWN);
+    let sheet = BackdropSheet::over(area, (terrain, mean_m), size)?;
+    let mut is_covered = sheet.nowhere(CITY);
     let mut chosen: Vec<&View> = Vec::new();
     for kind in [ViewKind::Nadir, ViewKind::Oblique] {
         let at_hand: Vec<&View> = at_hand_of(views, kind).collect();
-        chosen.extend(choose(&at_hand, &sheet, TOWN, &mut is_covered));
+        chosen.extend(choose(&at_hand, &sheet, CITY, &mut is_covered));
     }
-    sheet.lay(&chosen, Some(sight))
+    // In the order of the survey.
+    chosen.sort_by(|a, b| a.id.cmp(&b.id));
+    sheet.lay_blocks(&chosen, sight)
+}
+
+/// The footprints with a margin around them; `None` without any.
+pub(super) fn town_of(records: &[BuildingRecord]) -> Option<MapBox> {
+    let boxes = records.iter().filter_map(|record| record.footprint.as_ref()?.bounding_rect());
+    let town = MapBox::around(boxes.flat_map(|b| [(b.min().x, b.min().y), (b.max().x, b.max().y)]))?;
+    Some(town.grown((MARGIN_SHARE * longest_m(&town)).max(LEAST_MARGIN_M)))
+}
+
+/// Median level of the ground under buildings, metres; 0 without any.
+pub(super) fn level_of(records: &[BuildingRecord]) -> f64 {
+    let levels: Vec<f64> = records.iter().filter_map(|record| record.ground_z_m).collect();
+    sizeup_heights::stats::median(&levels).unwrap_or(0.0)
+}
+
+fn sides_m(area: &MapBox) -> [f64; 2] {
+    [area.east_m - area.west_m, area.north_m - area.south_m]
+}
+
+fn longest_m(area: &MapBox) -> f64 {
+    sides_m(area)[0].max(sides_m(area)[1])
 }
 
 /// Place of the picture on the map.
@@ -109,23 +133,13 @@ struct BackdropSheet<'a> {
 }
 
 impl<'a> BackdropSheet<'a> {
-    fn around(records: &[BuildingRecord], terrain: &'a Terrain, longest_px: u32) -> Option<Self> {
-        let boxes = records.iter().filter_map(|record| record.footprint.as_ref()?.bounding_rect());
-        let town = MapBox::around(boxes.flat_map(|b| [(b.min().x, b.min().y), (b.max().x, b.max().y)]))?;
-        let side = |area: &MapBox| [area.east_m - area.west_m, area.north_m - area.south_m];
-        let longest = |area: &MapBox| side(area)[0].max(side(area)[1]);
-        let town = town.grown((MARGIN_SHARE * longest(&town)).max(LEAST_MARGIN_M));
-        let px_m = (longest(&town) / f64::from(longest_px)).max(LEAST_PX_M);
-        let levels: Vec<f64> = records.iter().filter_map(|record| record.ground_z_m).collect();
-        let size_px = side(&town).map(|metres| (metres / px_m).round() as u32);
-        (longest_px > 0 && size_px.iter().all(|&n| n > 0)).then(|| Self {
-            terrain,
-            mean_m: sizeup_heights::stats::median(&levels).unwrap_or(0.0),
-            west_m: town.west_m,
-            north_m: town.north_m,
-            px_m,
-            size_px,
-        })
+    /// A sheet over an area: pixels of a size, metres, or larger ones where its longer side would have more than `most_px`.
+    fn over(area: MapBox, (terrain, mean_m): (&'a Terrain, f64), (px_m, most_px): (f64, u32)) -> Option<Self> {
+        // A square is covered to its edges.
+        let px_m = longest_m(&area) / (longest_m(&area) / px_m.max(LEAST_PX_M)).ceil().min(f64::from(most_px));
+        let size_px = sides_m(&area).map(|metres| (metres / px_m).round() as u32);
+        let sheet = Self { terrain, mean_m, west_m: area.west_m, north_m: area.north_m, px_m, size_px };
+        (most_px > 0 && size_px.iter().all(|&n| n > 0)).then_some(sheet)
     }
 
     /// The ground under the middle of a pixel.
@@ -143,58 +157,63 @@ impl<'a> BackdropSheet<'a> {
     }
 
     /// Reads some photos and lays them there.
-    fn lay(&self, chosen: &[&View], sight: Option<Sight<'_>>) -> Option<Backdrop> {
+    fn lay(&self, chosen: &[&View]) -> Option<Backdrop> {
         let mut photos: Vec<Photo<'_>> = Vec::new();
         for some in chosen.chunks(PHOTOS_AT_A_TIME) {
             photos.par_extend(some.par_iter().filter_map(|view| Photo::read(view, self)));
         }
         // Photos come in the order of the survey, whoever was read first.
         photos.sort_by(|a, b| a.view.id.cmp(&b.view.id));
-        self.draw(&photos, sight)
-    }
-
-    /// The same with no finer pixels than these, metres.
-    fn coarsened(self, px_m: f64) -> Self {
-        let share = (self.px_m / px_m).min(1.0);
-        let size_px = self.size_px.map(|n| ((f64::from(n) * share).round() as u32).max(1));
-        Self { px_m: self.px_m / share, size_px, ..self }
-    }
-
-    /// For each place that is counted whether a photo shows it: none does.
-    fn nowhere(&self, effort: Effort) -> Vec<bool> {
-        vec![false; self.places(effort.n_places).len()]
-    }
-
-    /// Position of the photo for each block of pixels, row by row: of those that see its middle the one closest to above it.
-    fn photos_of_blocks(&self, photos: &[Photo<'_>], sight: Sight<'_>) -> Vec<Option<usize>> {
-        let [columns, rows] = self.size_px.map(|n| n.div_ceil(BLOCK_PX));
-        let of_block = |i: u32| {
-            let place = self.place(i % columns * BLOCK_PX + BLOCK_PX / 2, i / columns * BLOCK_PX + BLOCK_PX / 2);
-            let aside = |k: &usize| (photos[*k].view.centre() - place).truncate().length_squared();
-            let mut showing: Vec<usize> =
-                (0..photos.len()).filter(|k| photos[*k].view.pixel_of(place).is_some()).collect();
-            showing.sort_by(|a, b| aside(a).total_cmp(&aside(b)));
-            showing.into_iter().find(|k| sight(photos[*k].view.centre(), place))
-        };
-        (0..columns * rows).into_par_iter().map(of_block).collect()
-    }
-
-    fn draw(&self, photos: &[Photo<'_>], sight: Option<Sight<'_>>) -> Option<Backdrop> {
         let [width, height] = self.size_px;
-        let of_blocks = sight.map(|sight| self.photos_of_blocks(photos, sight));
-        let at = |x: u32, y: u32| match &of_blocks {
-            None => colour(photos, self.place(x, y)),
-            Some(of_blocks) => {
-                let block = y / BLOCK_PX * width.div_ceil(BLOCK_PX) + x / BLOCK_PX;
-                let photo = &photos[of_blocks[block as usize]?];
-                photo.view.pixel_of(self.place(x, y)).map(|pixel| photo.colour(pixel))
-            }
-        };
-        let row = |y: u32| -> Vec<Option<[u8; 3]>> { (0..width).map(|x| at(x, y)).collect() };
+        let row = |y: u32| -> Vec<Option<[u8; 3]>> { (0..width).map(|x| colour(&photos, self.place(x, y))).collect() };
         let rows: Vec<Vec<Option<[u8; 3]>>> = (0..height).into_par_iter().map(row).collect();
         let at = |x: u32, y: u32| rows[y as usize][x as usize];
         let picture = RgbImage::from_fn(width, height, |x, y| Rgb(at(x, y).unwrap_or([0; 3])));
         let shown = GrayImage::from_fn(width, height, |x, y| Luma([if at(x, y).is_some() { u8::MAX } else { 0 }]));
+        self.backdrop(picture, shown, photos.iter().map(|photo| photo.view.id.0.clone()).collect())
+    }
+
+    /// Lays each photo on the blocks of pixels that it shows best; [`PHOTOS_AT_A_TIME`] are in memory.
+    fn lay_blocks(&self, chosen: &[&View], sight: Sight<'_>) -> Option<Backdrop> {
+        let [width, height] = self.size_px;
+        let (mut picture, mut shown) = (RgbImage::new(width, height), GrayImage::new(width, height));
+        let (mut used, mut unread) = (BTreeSet::new(), BTreeSet::new());
+        let mut open: Vec<u32> = (0..self.n_blocks()[0] * self.n_blocks()[1]).collect();
+        while !open.is_empty() {
+            // Blocks of photos that cannot be read are for others.
+            let readable: Vec<usize> = (0..chosen.len()).filter(|k| !unread.contains(k)).collect();
+            let best = |&block: &u32| Some((self.photo_of_block(block, chosen, &readable, sight)?, block));
+            let found: Vec<(usize, u32)> = open.par_iter().filter_map(best).collect();
+            let mut blocks_of: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
+            found.into_iter().for_each(|(k, block)| blocks_of.entry(k).or_default().push(block));
+            open.clear();
+            for some in blocks_of.into_iter().collect::<Vec<_>>().chunks(PHOTOS_AT_A_TIME) {
+                let painted = |(k, blocks): &(usize, Vec<u32>)| {
+                    let photo = Photo::read(chosen[*k], self)?;
+                    Some(blocks.iter().map(|&block| self.colours_of(block, &photo)).collect::<Vec<_>>())
+                };
+                let painted: Vec<Option<Vec<_>>> = some.par_iter().map(painted).collect();
+                for ((k, blocks), painted) in some.iter().zip(painted) {
+                    let Some(painted) = painted else {
+                        unread.insert(*k);
+                        open.extend(blocks);
+                        continue;
+                    };
+                    used.insert(*k);
+                    let pixels = blocks.iter().flat_map(|&block| self.pixels_of(block));
+                    for ((x, y), colour) in pixels.zip(painted.into_iter().flatten()) {
+                        let Some(colour) = colour else { continue };
+                        picture.put_pixel(x, y, Rgb(colour));
+                        shown.put_pixel(x, y, Luma([u8::MAX]));
+                    }
+                }
+            }
+        }
+        self.backdrop(picture, shown, used.into_iter().map(|k| chosen[k].id.0.clone()).collect())
+    }
+
+    fn backdrop(&self, picture: RgbImage, shown: GrayImage, photos: Vec<String>) -> Option<Backdrop> {
+        let [width, height] = self.size_px;
         let n_shown = shown.pixels().filter(|pixel| pixel[0] > 0).count();
         let [east_m, south_m] =
             [self.west_m + f64::from(width) * self.px_m, self.north_m - f64::from(height) * self.px_m];
@@ -202,8 +221,50 @@ impl<'a> BackdropSheet<'a> {
             picture,
             shown: (n_shown < (width * height) as usize).then_some(shown),
             bounds_m: [self.west_m, south_m, east_m, self.north_m],
-            photos: photos.iter().map(|photo| photo.view.id.0.clone()).collect(),
+            photos,
         })
+    }
+
+    /// For each place that is counted whether a photo shows it: none does.
+    fn nowhere(&self, effort: Effort) -> Vec<bool> {
+        vec![false; self.places(effort.n_places).len()]
+    }
+
+    /// Columns and rows of blocks.
+    fn n_blocks(&self) -> [u32; 2] {
+        self.size_px.map(|n| n.div_ceil(BLOCK_PX))
+    }
+
+    /// Position of the photo for a block of pixels: of those that see its middle the one closest to above it.
+    fn photo_of_block(&self, block: u32, views: &[&View], readable: &[usize], sight: Sight<'_>) -> Option<usize> {
+        let [columns, _] = self.n_blocks();
+        let [x, y] = [block % columns, block / columns].map(|at| at * BLOCK_PX + BLOCK_PX / 2);
+        let place = self.place(x, y);
+        let aside = |k: usize| (views[k].centre() - place).truncate().length_squared();
+        let mut open: Vec<(f64, usize)> = readable.iter().map(|&k| (aside(k), k)).collect();
+        // One of the first few sees it nearly everywhere: sorting all of them takes longer.
+        while let Some(nearest) = (0..open.len()).min_by(|&i, &j| open[i].0.total_cmp(&open[j].0)) {
+            let k = open[nearest].1;
+            if views[k].pixel_of(place).is_some() && sight(views[k].centre(), place) {
+                return Some(k);
+            }
+            open.remove(nearest);
+        }
+        None
+    }
+
+    /// Pixels of a block, row by row.
+    fn pixels_of(&self, block: u32) -> impl Iterator<Item = (u32, u32)> + use<> {
+        let [columns, _] = self.n_blocks();
+        let [x, y] = [block % columns, block / columns].map(|at| at * BLOCK_PX);
+        let [right, below] = [(x + BLOCK_PX).min(self.size_px[0]), (y + BLOCK_PX).min(self.size_px[1])];
+        (y..below).flat_map(move |y| (x..right).map(move |x| (x, y)))
+    }
+
+    /// Colours of the pixels of a block, where a photo shows them.
+    fn colours_of(&self, block: u32, photo: &Photo<'_>) -> Vec<Option<[u8; 3]>> {
+        let colour = |(x, y)| Some(photo.colour(photo.view.pixel_of(self.place(x, y))?));
+        self.pixels_of(block).map(colour).collect()
     }
 }
 
@@ -383,6 +444,31 @@ mod tests {
         assert!((share - 70.0 / 120.0).abs() < 0.01, "{share}");
         assert_eq!(lay(&views[3..], &town(90.0), &ground, 500, TOWN), None);
         assert_eq!(lay(&views, &town(90.0), &ground, 0, TOWN), None, "it can be left out");
+    }
+
+    #[test]
+    fn ground_that_is_hidden_from_one_photo_is_taken_from_another_and_neighbours_meet_at_their_edge() {
+        let folder = tempfile::tempdir().unwrap();
+        let views = [("a.png", 0.0), ("b.png", 5.0), ("c.png", -5.0)]
+            .map(|(name, east_m)| photo(folder.path(), name, east_m, 0.0));
+        std::fs::write(folder.path().join("a.png"), "no picture").unwrap();
+        let ground = Terrain::Constant(AT[2]);
+        let area = |west_m: f64| MapBox {
+            west_m: AT[0] + west_m,
+            south_m: AT[1] - 15.0,
+            east_m: AT[0] + west_m + 30.0,
+            north_m: AT[1] + 15.0,
+        };
+        // The photo straight above cannot be read, the eastern one sees nothing north of the middle.
+        let sees = |eye: DVec3, place: DVec3| eye.x < AT[0] + 1.0 || place.y < AT[1];
+        let lay = |west_m: f64| lay_where_seen(&views, (area(west_m), AT[2]), &ground, (0.23, 4096), &sees).unwrap();
+        let on = |n: usize| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap().install(|| lay(0.0));
+        assert_eq!(on(1), on(4));
+        let (west, east) = (lay(-30.0), lay(0.0));
+        assert!((west.bounds_m[2] - east.bounds_m[0]).abs() < 1e-9);
+        assert_eq!((west.picture.width(), west.picture.height()), (131, 131), "30 m in pixels of 0.23 m at most");
+        assert!(!east.photos.contains(&"a.png".to_owned()) && east.shown.is_none(), "{:?}", east.photos);
+        check_colours(&east, 2);
     }
 
     #[test]

@@ -76,6 +76,7 @@ pub fn write_city_report(
     settings: &OutputSettings<'_>,
     folder: &Path,
     model: &CityModel<'_>,
+    textured: Option<&TexturedCity>,
 ) -> Result<Vec<PathBuf>, PipelineError> {
     let footprints = model.records.iter().filter_map(|r| r.footprint.as_ref());
     let terrain = load_terrain(&settings.ground.coarser(CITY_CELL_M), footprints, 0.0)?.terrain;
@@ -101,7 +102,7 @@ pub fn write_city_report(
         evidence: Vec::new(),
         overview: None,
         backdrop,
-        textured: None,
+        textured,
         config: settings.config_toml.clone(),
     };
     report::write(&folder.join("report.html"), &report)?;

@@ -1,10 +1,11 @@
 //! The textured city of a run: its solids, its ground and its photos brought together.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
+use image::GrayImage;
 use serde::Serialize;
 
 use super::super::checks::check_settings;
@@ -16,23 +17,25 @@ use super::records::{records, reviews_of};
 use crate::config::{FootprintPlace, OutputConfig};
 use sizeup_geo::files::FileError;
 use sizeup_geo::issue::Issue;
-use sizeup_geo::terrain::Terrain;
+use sizeup_geo::terrain::{MapBox, Terrain};
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::scene::LocalGround;
-use sizeup_heights::stats;
 use sizeup_photos::textures::{
     Choice, Surface, SurfaceKind, SurfaceScene, TextureTask, TexturedArea, Textures, bake, fill_unknown,
 };
 use sizeup_results::output::cityjson::CityJsonConfig;
 use sizeup_results::output::picture::photo_of;
-use sizeup_results::output::textured::{self, CitySurfaces, PaintedCity, TexturedGround};
+use sizeup_results::output::textured::{self, CitySurfaces, PaintedCity, TexturedCity, TexturedGround};
 use sizeup_results::output::{BuildingRecord, CityModel, Lineage, OutputError};
+use sizeup_results::report;
 use sizeup_survey::{Survey, View};
 
 /// Longer side of the picture of the ground, pixels, at most: what every graphics card takes.
 const GROUND_PX: u32 = 4096;
 /// Cells along the longer side of the ground's mesh, at most: 130,000 triangles.
 const MOST_CELLS: f64 = 256.0;
+/// The same of level ground, whose mesh only has to follow the edge of what photos show; a first choice.
+const LEVEL_CELLS: f64 = 32.0;
 /// Ground is looked at from so far above it, metres: between its nodes the mesh that rays meet is another one.
 const LIFT_M: f64 = 0.5;
 
@@ -52,6 +55,8 @@ pub struct TextureScene {
     pub ground: LocalGround,
     /// The same in the map.
     pub terrain: Terrain,
+    /// Part of the map whose ground is shown; `None` without buildings.
+    pub area: Option<MapBox>,
     /// Origin of the local frame.
     pub origin: LocalOrigin,
 }
@@ -64,13 +69,14 @@ impl TextureScene {
         survey: &Survey,
         stage: &SceneStage,
     ) -> Result<Self, PipelineError> {
-        Self::beside(output, (records, &[]), survey, stage)
+        Self::beside(output, (records, &[]), backdrop::town_of(records), survey, stage)
     }
 
-    /// As [`Self::new`], of some buildings beside others.
+    /// As [`Self::new`], of some buildings beside others, with the ground of an area.
     pub(in crate::pipeline) fn beside(
         output: &OutputConfig,
         (records, others): (&[BuildingRecord], &[BuildingRecord]),
+        area: Option<MapBox>,
         survey: &Survey,
         stage: &SceneStage,
     ) -> Result<Self, PipelineError> {
@@ -86,6 +92,7 @@ impl TextureScene {
             occluders,
             ground: stage.scene.ground.clone(),
             terrain: stage.terrain.clone(),
+            area,
             origin: stage.scene.origin,
         })
     }
@@ -106,24 +113,22 @@ impl TextureScene {
         Self::new(settings.output.config, &records, &heights.moved(&survey), &stage)
     }
 
-    /// The ground with the nadir photos laid on it; `None` where none shows it.
+    /// The ground with the photos laid on it; `None` where none shows it.
     fn ground_picture(&self, texel_m: f64) -> Option<TexturedGround> {
-        let scene = SurfaceScene::new(&self.surfaces, self.ground.clone(), self.origin);
+        let surfaces: Vec<Surface> = self.surfaces.iter().chain(&self.occluders).cloned().collect();
+        let scene = SurfaceScene::new(&surfaces, self.ground.clone(), self.origin);
         let local = |place: DVec3| (place - self.origin.0).as_vec3();
         let sees = |eye: DVec3, place: DVec3| scene.is_seen(local(eye), local(place + LIFT_M * DVec3::Z));
-        let size = (texel_m, GROUND_PX);
-        let laid = backdrop::lay_where_seen(&self.survey.views, &self.records, &self.terrain, size, &sees)?;
+        let (size, mean_m) = ((texel_m, GROUND_PX), backdrop::level_of(&self.records));
+        let laid = backdrop::lay_where_seen(&self.survey.views, (self.area?, mean_m), &self.terrain, size, &sees)?;
         let [west_m, south_m, east_m, north_m] = laid.bounds_m;
         let (width_m, depth_m) = (east_m - west_m, north_m - south_m);
-        let levels: Vec<f64> = self.records.iter().filter_map(|record| record.ground_z_m).collect();
-        let mean_m = stats::median(&levels).unwrap_or(0.0);
-        let n = |length_m: f64| match &self.terrain {
-            Terrain::Constant(_) => 2,
-            Terrain::Grid(dem) => {
-                (length_m / dem.cell_m().0.max(width_m.max(depth_m) / MOST_CELLS)).ceil() as usize + 1
-            }
+        let longest_m = width_m.max(depth_m);
+        let cell_m = match &self.terrain {
+            Terrain::Constant(_) => longest_m / LEVEL_CELLS,
+            Terrain::Grid(dem) => dem.cell_m().0.max(longest_m / MOST_CELLS),
         };
-        let n_nodes = [n(width_m).max(2), n(depth_m).max(2)];
+        let n_nodes = [width_m, depth_m].map(|length_m| ((length_m / cell_m).ceil() as usize + 1).max(2));
         let height_m = |i: usize| {
             let share = |at: usize, n: usize| at as f64 / (n - 1) as f64;
             let (x, y) = (share(i % n_nodes[0], n_nodes[0]), share(i / n_nodes[0], n_nodes[1]));
@@ -131,10 +136,12 @@ impl TextureScene {
         };
         let heights_m = (0..n_nodes[0] * n_nodes[1]).map(height_m).collect();
         let mut picture = laid.picture;
+        let mut hidden_cells = Vec::new();
         if let Some(shown) = &laid.shown {
+            hidden_cells = cells_without(shown, n_nodes);
             fill_unknown(&mut picture, shown.pixels().map(|pixel| pixel[0] > 0).collect());
         }
-        Some(TexturedGround { picture, bounds_m: laid.bounds_m, n_nodes, heights_m, photos: laid.photos })
+        Some(TexturedGround { picture, bounds_m: laid.bounds_m, n_nodes, heights_m, hidden_cells, photos: laid.photos })
     }
 
     /// Textures from some of the photos.
@@ -153,6 +160,39 @@ impl TextureScene {
             groups: &self.city.tile_of,
         })
     }
+}
+
+/// Cells between nodes that no photo shows a pixel of, from the edges inwards: small ones between houses are filled.
+fn cells_without(shown: &GrayImage, n_nodes: [usize; 2]) -> Vec<usize> {
+    let size = [shown.width(), shown.height()];
+    let n_cells = n_nodes.map(|n| n - 1);
+    let pixels = |axis: usize, cell: usize| {
+        let edge = |node: usize| node as f64 * f64::from(size[axis]) / n_cells[axis] as f64;
+        edge(cell) as u32..(edge(cell + 1).ceil() as u32).min(size[axis])
+    };
+    let is_hidden = |cell: &usize| -> bool {
+        let mut rows = pixels(1, cell / n_cells[0]);
+        rows.all(|y| pixels(0, cell % n_cells[0]).all(|x| shown.get_pixel(x, y)[0] == 0))
+    };
+    let mut is_open: Vec<bool> = (0..n_cells[0] * n_cells[1]).map(|cell| is_hidden(&cell)).collect();
+    let is_at_edge = |cell: usize| {
+        let [col, row] = [cell % n_cells[0], cell / n_cells[0]];
+        col == 0 || row == 0 || col + 1 == n_cells[0] || row + 1 == n_cells[1]
+    };
+    let mut next: Vec<usize> = (0..is_open.len()).filter(|&cell| is_at_edge(cell)).collect();
+    let mut outside = BTreeSet::new();
+    while let Some(cell) = next.pop() {
+        if !std::mem::take(&mut is_open[cell]) {
+            continue;
+        }
+        outside.insert(cell);
+        let [col, row] = [cell % n_cells[0], cell / n_cells[0]];
+        next.extend((col > 0).then(|| cell - 1));
+        next.extend((col + 1 < n_cells[0]).then(|| cell + 1));
+        next.extend((row > 0).then(|| cell - n_cells[0]));
+        next.extend((row + 1 < n_cells[1]).then(|| cell + n_cells[0]));
+    }
+    outside.into_iter().collect()
 }
 
 /// Surfaces where the photos show them.
@@ -251,14 +291,15 @@ pub struct PaintedTile {
 }
 
 impl PaintedTile {
-    /// Textures of a tile's own buildings; the others hide what is behind them.
+    /// Textures of a tile's own buildings and of the ground in its core; the others hide what is behind them.
     pub(in crate::pipeline) fn new(
         output: &OutputConfig,
         records: (&[BuildingRecord], &[BuildingRecord]),
+        core: &MapBox,
         survey: &Survey,
         stage: &SceneStage,
     ) -> Result<Self, PipelineError> {
-        let scene = TextureScene::beside(output, records, survey, stage)?;
+        let scene = TextureScene::beside(output, records, Some(*core), survey, stage)?;
         let textures = scene.bake(&survey.views, output.textures.texel_m, Choice::Agreeing);
         Ok(Self { scene, textures })
     }
@@ -269,14 +310,12 @@ impl PaintedTile {
         &self.textures.issues
     }
 
-    /// Writes the folder of the textured tile, without the ground.
+    /// Writes the folder of the textured tile.
     ///
     /// # Errors
     /// [`OutputError`]: the file system.
     pub fn write(&self, folder: &Path, model: &CityModel<'_>, config: &CityJsonConfig) -> Result<(), OutputError> {
-        let summary = TextureSummary::of(&self.scene, &self.textures);
-        let painted = PaintedCity { city: &self.scene.city, textures: &self.textures, ground: None };
-        textured::write(folder, model, config, &painted, &summary)
+        write_scene(folder, model, config, &self.scene, &self.textures).map(drop)
     }
 }
 
@@ -287,32 +326,45 @@ pub(in crate::pipeline) fn write_or_remove(
     painted: Option<&(TextureScene, Textures)>,
 ) -> Result<(), PipelineError> {
     match painted {
-        Some((scene, textures)) => write(output, model, scene, textures).map(drop),
+        Some((scene, textures)) => {
+            let folder = output.folder.path().join(textured::FOLDER);
+            Ok(write_scene(&folder, model, &output.config.cityjson, scene, textures).map(drop)?)
+        }
         None => Ok(textured::remove(&output.folder.path().join(textured::FOLDER))?),
     }
 }
 
-/// Writes the textured city beside the results.
-fn write(
-    output: &OutputSettings<'_>,
+/// Writes the folder of a textured city.
+fn write_scene(
+    folder: &Path,
     model: &CityModel<'_>,
+    config: &CityJsonConfig,
     scene: &TextureScene,
     textures: &Textures,
-) -> Result<TextureSummary, PipelineError> {
+) -> Result<TextureSummary, OutputError> {
     let summary = TextureSummary::of(scene, textures);
-    let folder = output.folder.path().join(textured::FOLDER);
     let ground = scene.ground_picture(textures.texel_m);
     let painted = PaintedCity { city: &scene.city, textures, ground: ground.as_ref() };
-    textured::write(&folder, model, &output.config.cityjson, &painted, &summary)?;
+    textured::write(folder, model, config, &painted, &summary)?;
     Ok(summary)
 }
 
-/// Textures a finished result from its photos: writes `textured/` beside it and nothing else. Returns the numbers, and what is to be told of
-/// photos and surfaces.
+/// Result of texturing a finished result.
+#[derive(Debug)]
+pub struct Texturing {
+    /// Numbers of the textured city, as in its `textures.json`.
+    pub summary: TextureSummary,
+    /// Notes on photos and surfaces.
+    pub issues: Vec<Issue>,
+    /// The folder of the textured city and the report, where there is one: all that was written.
+    pub written: Vec<PathBuf>,
+}
+
+/// Textures a finished result from its photos: writes `textured/` beside it, and the textures into its report.
 ///
 /// # Errors
 /// [`PipelineError`]: no finished run in the output folder, one made from other input or settings, or the file system.
-pub fn texture(settings: &RunSettings<'_>) -> Result<(TextureSummary, Vec<Issue>), PipelineError> {
+pub fn texture(settings: &RunSettings<'_>) -> Result<Texturing, PipelineError> {
     let (output, scene) = (&settings.output, TextureScene::of_result(settings)?);
     let path = output.folder.path().join("lineage.json");
     let text = fs::read(&path).map_err(FileError::on("cannot read", &path))?;
@@ -329,6 +381,30 @@ pub fn texture(settings: &RunSettings<'_>) -> Result<(TextureSummary, Vec<Issue>
         issues: &[],
         survey: &scene.survey,
     };
-    let summary = write(output, &model, &scene, &textures)?;
-    Ok((summary, textures.issues))
+    let folder = output.folder.path().join(textured::FOLDER);
+    let summary = write_scene(&folder, &model, &output.config.cityjson, &scene, &textures)?;
+    let mut written = vec![folder];
+    let page = output.folder.join("report.html");
+    if report::retexture(&page, model.records, TexturedCity::of_result(output.folder.path())?.as_ref())? {
+        written.push(page);
+    }
+    Ok(Texturing { summary, issues: textures.issues, written })
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Luma;
+
+    use super::*;
+
+    #[test]
+    fn ground_that_no_photo_shows_is_left_out_at_the_edge_and_filled_between_houses() {
+        // Cells of two pixels: those of the western column, one beside it and one in the middle are hidden.
+        let is_hidden = |x: u32, y: u32| x < 2 || (x < 4 && y < 2) || ((6..8).contains(&x) && (4..6).contains(&y));
+        let shown = GrayImage::from_fn(10, 10, |x, y| Luma([if is_hidden(x, y) { 0 } else { 255 }]));
+        assert_eq!(cells_without(&shown, [6, 6]), [0, 1, 5, 10, 15, 20]);
+        // A pixel of a cell is enough.
+        let one = GrayImage::from_fn(10, 10, |x, y| Luma([if is_hidden(x, y) && (x, y) != (1, 9) { 0 } else { 255 }]));
+        assert_eq!(cells_without(&one, [6, 6]), [0, 1, 5, 10, 15]);
+    }
 }

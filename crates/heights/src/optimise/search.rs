@@ -151,8 +151,7 @@ impl<'a> SweepView<'a> {
     /// One building in this view; `None` if it has nothing to say.
     pub(super) fn window(&self, scene: &Scene, building: usize, scope: Scope) -> Option<Window> {
         let ground_z = scene.prisms[building].ground_z;
-        let mut window =
-            Window::new(self.evidence, building as u32, ground_z, &self.stops, self.calibration, scope)?;
+        let mut window = Window::new(self.evidence, building as u32, ground_z, &self.stops, self.calibration, scope)?;
         if !self.has_unmodelled {
             // What stands out around it are errors of the prior.
             window.unmodelled = 0.0;

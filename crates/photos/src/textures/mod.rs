@@ -224,10 +224,11 @@ pub fn bake(task: &TextureTask<'_>) -> Textures {
         Choice::BestPerSurface => vec![1.0; task.views.len()],
     };
     let chosen = choose::photos(task.surfaces, &candidates, task.choice);
-    let painted: Vec<Option<paint::Painted>> = (charts.par_iter().enumerate())
-        .map(|(i, chart)| {
+    // Each surface's photos are forgotten when it is painted: together they are most of the memory.
+    let painted: Vec<Option<paint::Painted>> = (candidates.into_par_iter().zip(&charts).enumerate())
+        .map(|(i, (candidates, chart))| {
             let eave_m = (task.surfaces[i].kind == SurfaceKind::Wall).then_some(task.surfaces[i].sigma_m);
-            let palette = paint::Palette { candidates: &candidates[i], first: chosen[i], gains: &gains, eave_m };
+            let palette = paint::Palette { candidates: &candidates, first: chosen[i], gains: &gains, eave_m };
             paint::paint(chart.as_ref()?, &palette, task.choice)
         })
         .collect();

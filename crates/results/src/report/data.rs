@@ -8,11 +8,10 @@ use serde::Serialize;
 use super::backdrop::BackdropData;
 use super::city::{GroundHeights, MapBuilding, origin, round_cm};
 use super::evidence::{EvidenceData, data_uri};
-use super::textured::TexturedData;
 use super::{LevelFit, Report, ViewUse};
 use crate::output::grid::OutputGrid;
 use crate::output::reports::Summary;
-use crate::output::{BuildingRecord, Lineage, OutputError, StatusCount};
+use crate::output::{BuildingRecord, Lineage, StatusCount};
 use sizeup_geo::issue::Issue;
 use sizeup_survey::{SurveyReport, View, ViewKind, ground};
 
@@ -43,8 +42,6 @@ pub struct Data<'a> {
     overview: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     backdrop: Option<BackdropData<'a>>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    textured: Option<TexturedData>,
 }
 
 #[derive(Debug, Serialize)]
@@ -74,10 +71,7 @@ struct PassData {
 
 impl<'a> Data<'a> {
     /// Data of a report.
-    ///
-    /// # Errors
-    /// [`OutputError`]: a textured city that cannot be read.
-    pub fn of(report: &'a Report<'_>) -> Result<Self, OutputError> {
+    pub fn of(report: &'a Report<'_>) -> Self {
         let model = &report.model;
         let origin = origin(model.records);
         // Whole metres around zero hold any city: indices are 64 bits wide.
@@ -88,9 +82,7 @@ impl<'a> Data<'a> {
         let n_heights: usize = report.passes.iter().map(|pass| pass.heights_m.len()).sum();
         let mut issues: Vec<&Issue> = model.issues.iter().collect();
         issues.sort_by_key(|issue| issue.weight());
-        let textured = report.textured.map(|textured| TexturedData::of(model.records, &grid, textured)).transpose()?;
-        Ok(Self {
-            textured: textured.flatten(),
+        Self {
             title: title(report),
             crs: match model.crs.epsg() {
                 Some(_) => format!("{} · {}", model.crs, model.crs.name()),
@@ -111,7 +103,7 @@ impl<'a> Data<'a> {
             config: &report.config,
             overview: report.overview.as_ref().map(data_uri),
             backdrop: report.backdrop.as_ref().map(BackdropData::from),
-        })
+        }
     }
 }
 

@@ -33,10 +33,11 @@ use image::RgbImage;
 use serde::Serialize;
 
 use crate::output::textured::TexturedCity;
-use crate::output::{CityModel, OutputError};
+use crate::output::{BuildingRecord, CityModel, OutputError};
 use sizeup_geo::files::{FileError, write_whole};
 use sizeup_geo::terrain::Terrain;
 use sizeup_survey::SurveyReport;
+use textured::TexturedData;
 
 /// Everything that the page shows.
 #[derive(Debug)]
@@ -118,9 +119,27 @@ pub struct LevelFit {
 /// # Errors
 /// [`OutputError`]: a textured city that cannot be read, or the file system.
 pub fn write(path: &Path, report: &Report<'_>) -> Result<(), OutputError> {
-    let data = data::Data::of(report)?;
+    let data = data::Data::of(report);
     let json =
         serde_json::to_string(&data).map_err(std::io::Error::other).map_err(FileError::on("cannot write", path))?;
-    let html = page::report(&data.title, &json);
+    let html = page::report(&data.title, &json, &TexturedData::json(report.model.records, report.textured)?);
     Ok(write_whole(path, |out| out.write_all(html.as_bytes()))?)
+}
+
+/// Puts the textures of a city into a page that is there already, whole or not at all; whether there is one.
+///
+/// # Errors
+/// As [`write()`].
+pub fn retexture(
+    path: &Path,
+    records: &[BuildingRecord],
+    textured: Option<&TexturedCity>,
+) -> Result<bool, OutputError> {
+    if !path.is_file() {
+        return Ok(false);
+    }
+    let html = std::fs::read_to_string(path).map_err(FileError::on("cannot read", path))?;
+    let Some(html) = page::retextured(&html, &TexturedData::json(records, textured)?) else { return Ok(false) };
+    write_whole(path, |out| out.write_all(html.as_bytes()))?;
+    Ok(true)
 }

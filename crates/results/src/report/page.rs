@@ -43,14 +43,26 @@ const OF_VIEW: [&str; 2] = [include_str!("page/tileset.js"), include_str!("page/
 /// Keys that only the report has.
 const KEYS_OF_REPORT: &str = "N and P go to the next and the previous building, ";
 
-/// The report with its data, JSON.
-pub fn report(title: &str, data: &str) -> String {
+/// Tags before and behind the textures in the report.
+const AROUND_TEXTURES: [&str; 2] = ["<script type=\"application/json\" id=\"textured\">", "</script>"];
+
+/// A report with other textures, JSON; `None` where it has no place for them.
+pub fn retextured(html: &str, textured: &str) -> Option<String> {
+    let [before, behind] = AROUND_TEXTURES;
+    let start = html.find(before)? + before.len();
+    let end = start + html[start..].find(behind)?;
+    Some([&html[..start], &escape_json(textured), &html[end..]].concat())
+}
+
+/// The report with its data and its textures, JSON.
+pub fn report(title: &str, data: &str, textured: &str) -> String {
     let script = script(&OF_REPORT);
     let parts = [
         ("head", head(&format!("sizeup: {title}"), &script, "")),
         ("heading", escape(title)),
         ("stage", fill(STAGE, &[("keys", KEYS_OF_REPORT.to_owned())])),
         ("data", escape_json(data)),
+        ("textured", escape_json(textured)),
         ("script", script),
     ];
     fill(REPORT, &parts)
@@ -138,15 +150,24 @@ mod tests {
         let escaped = escape_json(&json);
         assert!(!escaped.contains('<') && !escaped.contains('>'));
         assert_eq!(serde_json::from_str::<String>(&escaped).unwrap(), hostile);
-        let page = report("a <b> & 'c'", &json);
+        let page = report("a <b> & 'c'", &json, "null");
         assert_eq!(page.matches("</script>").count(), REPORT.matches("</script>").count());
         assert!(page.contains("<title>sizeup: a &lt;b&gt; &amp; &#39;c&#39;</title>"));
         assert!(page.contains(r"{{script}} \u0026"));
     }
 
     #[test]
+    fn textures_are_exchanged_and_nothing_else_whatever_the_data_holds() {
+        let hostile = serde_json::to_string(AROUND_TEXTURES.concat().as_str()).unwrap();
+        let page = |textured: &str| report("t", &hostile, textured);
+        assert_eq!(retextured(&page("null"), &hostile).unwrap(), page(&hostile));
+        assert_eq!(retextured(&page(&hostile), "null").unwrap(), page("null"));
+        assert_eq!(retextured(&view("t"), "null"), None);
+    }
+
+    #[test]
     fn the_policy_names_the_script_and_the_style_as_they_stand_in_the_page() {
-        for page in [report("t", "{}"), view("t")] {
+        for page in [report("t", "{}", "null"), view("t")] {
             let between = |from: &str, to: &str| page.split_once(from).unwrap().1.split_once(to).unwrap().0.to_owned();
             assert!(page.contains(&escape(&hash(&between("<style>", "</style>")))));
             assert!(page.contains(&escape(&hash(&between("<script>", "</script>")))));

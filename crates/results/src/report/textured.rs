@@ -4,7 +4,8 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
 
-use crate::output::grid::OutputGrid;
+use super::city::origin;
+use crate::output::grid::{OutputGrid, SCALE_M};
 use crate::output::textured::TexturedCity;
 use crate::output::tiles3d::MapView;
 use crate::output::{BuildingRecord, OutputError};
@@ -17,27 +18,28 @@ const MOST_BYTES: usize = 30_000_000;
 pub(super) struct TexturedData {
     /// Buildings, binary glTF in base64; features are positions of buildings.
     buildings: String,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    ground: Option<String>,
+    /// Pieces of the ground in the same form, without features.
+    grounds: Vec<String>,
     /// Positions of the buildings that it shows.
     shown: Vec<usize>,
 }
 
 impl TexturedData {
-    /// Data of a city; `None` for one that is too large, or that no photo shows.
+    /// Data of a city, JSON; `null` for one that is too large, or that no photo shows.
     ///
     /// # Errors
     /// [`OutputError`]: pictures that cannot be read.
-    pub fn of(
-        records: &[BuildingRecord],
-        grid: &OutputGrid,
-        textured: &TexturedCity,
-    ) -> Result<Option<Self>, OutputError> {
-        let Some(view) = MapView::of(records, grid, textured)? else { return Ok(None) };
-        let n_bytes = view.buildings.len() + view.ground.as_ref().map_or(0, Vec::len);
-        Ok((n_bytes <= MOST_BYTES).then(|| Self {
+    pub fn json(records: &[BuildingRecord], textured: Option<&TexturedCity>) -> Result<String, OutputError> {
+        let grid = OutputGrid { scale_m: SCALE_M, origin_m: origin(records) };
+        let data = textured.map(|textured| Self::of(records, &grid, textured)).transpose()?.flatten();
+        Ok(serde_json::to_string(&data).unwrap_or_default())
+    }
+
+    fn of(records: &[BuildingRecord], grid: &OutputGrid, textured: &TexturedCity) -> Result<Option<Self>, OutputError> {
+        let view = MapView::of(records, grid, textured, MOST_BYTES)?;
+        Ok(view.map(|view| Self {
             buildings: STANDARD.encode(&view.buildings),
-            ground: view.ground.map(|ground| STANDARD.encode(ground)),
+            grounds: view.grounds.iter().map(|ground| STANDARD.encode(ground)).collect(),
             shown: view.shown,
         }))
     }

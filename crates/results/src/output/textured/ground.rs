@@ -22,6 +22,9 @@ pub struct TexturedGround {
     pub n_nodes: [usize; 2],
     /// Heights of the nodes, row by row from the north, metres.
     pub heights_m: Vec<f64>,
+    /// Cells between the nodes that no photo shows, row by row from the north: the mesh leaves them out.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub hidden_cells: Vec<usize>,
     /// Names of the photos.
     pub photos: Vec<String>,
 }
@@ -54,10 +57,29 @@ impl TexturedGround {
     /// Triangles between the nodes, counter-clockwise seen from above.
     pub(in crate::output) fn triangles(&self) -> Vec<u32> {
         let [columns, rows] = self.n_nodes;
-        let corner = |i: usize| (i % columns + 1 < columns && i / columns + 1 < rows).then_some(i as u32);
+        let is_shown = |cell: &usize| self.hidden_cells.binary_search(cell).is_err();
         let below = columns as u32;
-        let cell = |i: u32| [i, i + below, i + 1, i + 1, i + below, i + below + 1];
-        (0..columns * rows).filter_map(corner).flat_map(cell).collect()
+        let triangles = |cell: usize| {
+            let i = (cell / (columns - 1) * columns + cell % (columns - 1)) as u32;
+            [i, i + below, i + 1, i + 1, i + below, i + below + 1]
+        };
+        (0..(columns - 1) * (rows - 1)).filter(is_shown).flat_map(triangles).collect()
+    }
+
+    /// The same with another picture, and with so many cells along a side at most.
+    pub(super) fn coarser(&self, picture: RgbImage, most_cells: usize) -> Self {
+        let n_nodes = self.n_nodes.map(|n| n.min(most_cells + 1));
+        let at = |axis: usize, i: usize| (i * (self.n_nodes[axis] - 1)) / (n_nodes[axis] - 1);
+        let height = |i: usize| self.heights_m[at(1, i / n_nodes[0]) * self.n_nodes[0] + at(0, i % n_nodes[0])];
+        let heights_m = (0..n_nodes[0] * n_nodes[1]).map(height).collect();
+        let is_hidden = |cell: &usize| {
+            let [col, row] = [cell % (n_nodes[0] - 1), cell / (n_nodes[0] - 1)];
+            let of_row = |row: usize| (at(0, col)..at(0, col + 1)).map(move |col| row * (self.n_nodes[0] - 1) + col);
+            let mut cells = (at(1, row)..at(1, row + 1)).flat_map(of_row);
+            cells.all(|cell| self.hidden_cells.binary_search(&cell).is_ok())
+        };
+        let hidden_cells = (0..(n_nodes[0] - 1) * (n_nodes[1] - 1)).filter(is_hidden).collect();
+        Self { picture, n_nodes, heights_m, hidden_cells, bounds_m: self.bounds_m, photos: self.photos.clone() }
     }
 
     pub(super) fn mesh(&self, grid: &OutputGrid) -> GroundMesh {

@@ -15,7 +15,7 @@ use super::super::grid::{OutputGrid, SCALE_M};
 use super::super::picture::colour::Rgb;
 use super::super::prism::{FaceKind, GridFace, SnappedPrism};
 use super::super::{MalformedFile, OutputError};
-use super::{CITY, FOLDER, GROUND, SUMMARY, THEME, TexturedGround};
+use super::{CITY, FOLDER, GROUND, GROUND_PICTURE, SUMMARY, THEME, TexturedGround};
 use sizeup_geo::files::FileError;
 
 /// Colour of faces that nobody sees: floors.
@@ -66,9 +66,14 @@ pub struct TexturedCity {
     last: Mutex<Option<(usize, Solids)>>,
     /// Files of the pictures.
     pub(in crate::output) pictures: Vec<PathBuf>,
-    /// The ground, with its picture.
-    pub(in crate::output) ground: Option<(TexturedGround, PathBuf)>,
+    /// The folders that have a ground, and what the names of their tiles begin with.
+    pub(in crate::output) grounds: Vec<(String, PathBuf)>,
 }
+
+/// Greatest side of the picture of a ground that is far away, pixels; a first choice.
+const FAR_PX: u32 = 512;
+/// Most cells along a side of the mesh of a ground that is far away; a first choice.
+const FAR_CELLS: usize = 32;
 
 /// The numbers that are read.
 #[derive(Deserialize)]
@@ -99,19 +104,16 @@ impl TexturedCity {
     /// # Errors
     /// As [`Self::of_result`].
     pub fn read(folder: &Path) -> Result<Self, OutputError> {
-        let mut city = Self::of_tiles(&[folder.to_owned()])?;
-        let ground = folder.join(GROUND);
-        let ground = ground.is_file().then(|| json::<TexturedGround>(&ground)).transpose()?;
-        city.ground = ground.map(|ground| (ground, folder.join(super::GROUND_PICTURE)));
-        Ok(city)
+        Self::of_tiles(&[folder.to_owned()])
     }
 
-    /// Opens the folders of the tiles of a city; their grounds overlap, and are left out.
+    /// Opens the folders of the tiles of a city.
     ///
     /// # Errors
     /// As [`Self::of_result`].
     pub fn of_tiles(folders: &[PathBuf]) -> Result<Self, OutputError> {
-        let (mut buildings, mut pictures, mut n_before) = (HashMap::new(), Vec::new(), Vec::new());
+        let (mut buildings, mut pictures) = (HashMap::new(), Vec::new());
+        let (mut n_before, mut grounds) = (Vec::new(), Vec::new());
         for (i, folder) in folders.iter().enumerate() {
             let numbers: Numbers = json(&folder.join(SUMMARY))?;
             let prefix = if folders.len() > 1 { format!("{i}/") } else { String::new() };
@@ -120,9 +122,51 @@ impl TexturedCity {
             n_before.push(pictures.len());
             let all = (0..).map(|page| folder.join(super::picture_name(page)));
             pictures.extend(all.take_while(|picture| picture.is_file()));
+            grounds.extend(folder.join(GROUND).is_file().then(|| (prefix.clone(), folder.clone())));
         }
         let folders = folders.to_vec();
-        Ok(Self { folders, n_before, buildings, last: Mutex::new(None), pictures, ground: None })
+        Ok(Self { folders, n_before, buildings, last: Mutex::new(None), pictures, grounds })
+    }
+
+    /// Bytes of the pictures of buildings, and of the grounds.
+    ///
+    /// # Errors
+    /// [`OutputError`]: a picture that is missing.
+    pub(crate) fn n_bytes(&self) -> Result<[u64; 2], OutputError> {
+        let size = |path: &PathBuf| Ok(fs::metadata(path).map_err(FileError::on("cannot read", path))?.len());
+        let all = |paths: &[PathBuf]| paths.iter().map(size).sum::<Result<u64, OutputError>>();
+        let grounds: Vec<PathBuf> = self.grounds.iter().map(|(_, folder)| folder.join(GROUND_PICTURE)).collect();
+        Ok([all(&self.pictures)?, all(&grounds)?])
+    }
+
+    /// A ground and its picture, JPEG.
+    ///
+    /// # Errors
+    /// [`OutputError`]: a file that cannot be read.
+    pub(in crate::output) fn ground(&self, i: usize) -> Result<(TexturedGround, Vec<u8>), OutputError> {
+        let folder = &self.grounds[i].1;
+        let picture = folder.join(GROUND_PICTURE);
+        Ok((json(&folder.join(GROUND))?, fs::read(&picture).map_err(FileError::on("cannot read", &picture))?))
+    }
+
+    /// The same as it is shown from far away, and the side of its pixels, metres; `None` where that is hardly smaller.
+    ///
+    /// # Errors
+    /// As [`Self::ground`].
+    pub(in crate::output) fn far_ground(
+        &self,
+        i: usize,
+    ) -> Result<Option<(TexturedGround, Vec<u8>, f64)>, OutputError> {
+        let (ground, jpeg) = self.ground(i)?;
+        let path = self.grounds[i].1.join(GROUND_PICTURE);
+        let picture = image::load_from_memory(&jpeg).map_err(|e| malformed(&path, &e.to_string()))?;
+        if picture.width().max(picture.height()) <= 2 * FAR_PX {
+            return Ok(None);
+        }
+        let far = ground.coarser(picture.thumbnail(FAR_PX, FAR_PX).into_rgb8(), FAR_CELLS);
+        let px_m = (far.bounds_m[2] - far.bounds_m[0]) / f64::from(far.picture.width());
+        let jpeg = far.jpeg();
+        Ok(Some((far, jpeg, px_m)))
     }
 
     /// Solids of a folder.

@@ -9,8 +9,8 @@
 //!
 //! The buildings wait on disk while their tiles are chosen: in memory there is one tile, and some 50 bytes per building.
 //!
-//! Buildings have the colours of the legend, or the textures of a [`TexturedCity`]; its tiles are then those of the tileset, and its ground is a
-//! tile without features.
+//! Buildings have the colours of the legend, or the textures of a [`TexturedCity`]; its tiles are then those of the tileset, and its grounds are
+//! tiles without features, each replaced by a finer one from close by.
 
 pub(super) mod folder;
 pub(super) mod glb;
@@ -38,7 +38,7 @@ use super::palette::Palette;
 use super::prism::SnappedPrism;
 use super::reports::write_json;
 use super::roof_solid::{self, Detail};
-use super::textured::TexturedCity;
+use super::textured::{TexturedCity, TexturedGround};
 use super::{BuildingRecord, CityModel, OutputError, Overview, Records};
 pub use glb::Precision;
 use mesh::{Material, TileBuilding, TileMesh};
@@ -81,19 +81,31 @@ pub fn check_place(crs: &Crs, heights: Heights, at_m: DVec3) -> Result<(), Outpu
 const LINEAGE: &str = "lineage.json";
 /// Name of the tile of the ground.
 const GROUND: &str = "ground";
+const FAR_GROUND: &str = "ground-far";
+/// Error of the ground as it is seen from far away, in its pixels: viewers go on to the near one where an error is larger than some 16 pixels of
+/// the screen, so where one of its pixels covers two of them.
+const FAR_PIXELS: f64 = 8.0;
+
+/// Ground as it is seen from close by or from far away.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Distance {
+    Near,
+    Far,
+}
 
 /// A textured city as it is shown in the map: binary glTF around an origin.
 pub(crate) struct MapView {
     /// Buildings; features are positions of records.
     pub buildings: Vec<u8>,
-    /// The ground around the buildings.
-    pub ground: Option<Vec<u8>>,
+    /// The ground around the buildings, piece by piece.
+    pub grounds: Vec<Vec<u8>>,
     /// Positions of the records that it shows.
     pub shown: Vec<usize>,
 }
 
 impl MapView {
-    /// View of the records that have textures; `None` where none has.
+    /// View of the records that have textures; `None` where none has, or where it would have more than some bytes. Ground that is too much is as
+    /// from far away.
     ///
     /// # Errors
     /// [`OutputError`]: pictures that cannot be read.
@@ -101,7 +113,13 @@ impl MapView {
         records: &[BuildingRecord],
         grid: &OutputGrid,
         textured: &TexturedCity,
+        most_bytes: usize,
     ) -> Result<Option<Self>, OutputError> {
+        let [of_buildings, of_grounds] = textured.n_bytes()?.map(|n| n as usize);
+        if of_buildings > most_bytes {
+            return Ok(None);
+        }
+        let distance = if of_buildings + of_grounds > most_bytes { Distance::Far } else { Distance::Near };
         let block = |record: &BuildingRecord| {
             let prism = SnappedPrism::of(record, grid, MIN_THICKNESS_M).ok()?;
             let found = textured.solid(&record.id, &prism, grid).transpose()?;
@@ -129,7 +147,15 @@ impl MapView {
             textured: Some(textured),
         };
         let tile = writer.tile_of(&blocks, "buildings", &|i| shown[i] as u32)?;
-        Ok(Some(Self { buildings: tile.0, ground: writer.ground_glb()?.map(|(bytes, _)| bytes), shown }))
+        let mut grounds = Vec::new();
+        for i in 0..textured.grounds.len() {
+            let far = if distance == Distance::Far { writer.far_ground(textured, i)? } else { None };
+            let ground = far.map_or_else(|| writer.near_ground(textured, i), |(ground, _)| Ok(ground));
+            grounds.push(ground?.0);
+        }
+        let view = Self { buildings: tile.0, grounds, shown };
+        let n_bytes = view.buildings.len() + view.grounds.iter().map(Vec::len).sum::<usize>();
+        Ok((n_bytes <= most_bytes).then_some(view))
     }
 }
 
@@ -298,37 +324,60 @@ impl TileWriter<'_> {
     /// Writes the tree, and the ground beside it.
     fn root(&self, tree: &Node, folder: &Path) -> Result<Value, OutputError> {
         let WrittenTile { json, bounds: [low, high] } = self.tile(tree, folder)?;
-        let Some(ground) = self.ground(folder)? else { return Ok(json) };
-        let all = [low.min(ground.bounds[0]), high.max(ground.bounds[1])];
+        let Some(textured) = self.textured.filter(|textured| !textured.grounds.is_empty()) else { return Ok(json) };
+        let grounds: Vec<WrittenTile> =
+            (0..textured.grounds.len()).map(|i| self.ground(textured, i, folder)).collect::<Result<_, _>>()?;
+        let all = grounds.iter().fold([low, high], |[low, high], of| [low.min(of.bounds[0]), high.max(of.bounds[1])]);
         let size_m = (all[1] - all[0]).length();
+        let children: Vec<Value> = std::iter::once(json).chain(grounds.into_iter().map(|of| of.json)).collect();
         Ok(json!({
             "boundingVolume": { "box": bounding_box(all) },
             "geometricError": (size_m * STEPS_A_METRE).ceil() / STEPS_A_METRE,
-            "children": [json, ground.json],
+            "children": children,
         }))
     }
 
-    /// Writes the ground of a textured city.
-    fn ground(&self, folder: &Path) -> Result<Option<WrittenTile>, OutputError> {
-        let Some((bytes, bounds)) = self.ground_glb()? else { return Ok(None) };
-        let uri = format!("tiles/{GROUND}.glb");
-        write_whole_unflushed(&folder.join(&uri), |out| out.write_all(&bytes))?;
-        let volume = json!({ "box": bounding_box(bounds) });
-        let json = json!({
-            "boundingVolume": volume, "geometricError": 0, "content": { "uri": uri, "boundingVolume": volume },
-        });
-        Ok(Some(WrittenTile { json, bounds }))
+    /// Writes a ground of a textured city: near, and for far away where that is smaller.
+    fn ground(&self, textured: &TexturedCity, i: usize, folder: &Path) -> Result<WrittenTile, OutputError> {
+        let near = self.near_ground(textured, i)?;
+        let write = |name: &str, (bytes, bounds): &BoxedGlb| -> Result<Value, OutputError> {
+            let uri = format!("tiles/{}{name}.glb", textured.grounds[i].0);
+            let path = folder.join(&uri);
+            write_whole_unflushed(&path, |out| out.write_all(bytes))?;
+            let volume = json!({ "box": bounding_box(*bounds) });
+            Ok(json!({
+                "boundingVolume": volume, "geometricError": 0, "content": { "uri": uri, "boundingVolume": volume },
+            }))
+        };
+        let mut json = write(GROUND, &near)?;
+        let mut bounds = near.1;
+        if let Some((far, px_m)) = self.far_ground(textured, i)? {
+            let near = std::mem::replace(&mut json, write(FAR_GROUND, &far)?);
+            bounds = [bounds[0].min(far.1[0]), bounds[1].max(far.1[1])];
+            json["boundingVolume"] = json!({ "box": bounding_box(bounds) });
+            json["geometricError"] = json!((FAR_PIXELS * px_m * STEPS_A_METRE).ceil() / STEPS_A_METRE);
+            json["refine"] = json!("REPLACE");
+            json["children"] = json!([near]);
+        }
+        Ok(WrittenTile { json, bounds })
     }
 
-    /// The ground of a textured city, and its box.
-    fn ground_glb(&self) -> Result<Option<BoxedGlb>, OutputError> {
-        let Some((ground, picture)) = self.textured.and_then(|textured| textured.ground.as_ref()) else {
-            return Ok(None);
-        };
+    /// A ground of a textured city, and its box.
+    fn near_ground(&self, textured: &TexturedCity, i: usize) -> Result<BoxedGlb, OutputError> {
+        let (ground, jpeg) = textured.ground(i)?;
+        self.ground_glb(&ground, jpeg)
+    }
+
+    /// The same for far away, and the side of its pixels, metres.
+    fn far_ground(&self, textured: &TexturedCity, i: usize) -> Result<Option<(BoxedGlb, f64)>, OutputError> {
+        let far = textured.far_ground(i)?;
+        far.map(|(ground, jpeg, px_m)| Ok((self.ground_glb(&ground, jpeg)?, px_m))).transpose()
+    }
+
+    fn ground_glb(&self, ground: &TexturedGround, jpeg: Vec<u8>) -> Result<BoxedGlb, OutputError> {
         let mut points = ground.nodes();
         self.place.to_local(&mut points)?;
         let mesh = TileMesh::of_ground(ground, &points);
-        let jpeg = fs::read(picture).map_err(FileError::on("cannot read", picture))?;
         let tile = glb::GlbTile {
             mesh: &mesh,
             rows: &[],
@@ -337,7 +386,7 @@ impl TileWriter<'_> {
             properties: None,
             name: GROUND,
         };
-        Ok(Some((glb::glb(&tile, self.precision), mesh.bounds())))
+        Ok((glb::glb(&tile, self.precision), mesh.bounds()))
     }
 
     fn tile(&self, node: &Node, folder: &Path) -> Result<WrittenTile, OutputError> {

@@ -60,6 +60,9 @@ const mat = {
   },
 };
 
+// Corners of a box.
+const cornersOf = (low, high) => Array.from({ length: 8 }, (_, i) => low.map((v, axis) => ((i >> axis) % 2 === 0 ? v : high[axis])));
+
 // The largest of 1, 2, 5 times a power of ten that is at most `value`.
 function roundDown(value) {
   const power = 10 ** Math.floor(Math.log10(value));

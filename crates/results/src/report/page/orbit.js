@@ -3,6 +3,8 @@
 const CLICK_PX = 5;
 const LOWEST_PITCH = 0.08;
 const STRAIGHT_DOWN = Math.PI / 2;
+// Direction of the first look at a city.
+const OPENING = { yaw: 0.5, pitch: 0.5 };
 
 // `on.pick(x, y)` and `on.hover(x, y)` get positions in CSS pixels; `on.key(event)` gets what is no movement.
 function controlCamera(canvas, scene, on) {

@@ -1,6 +1,7 @@
 // The report: reads the page's data, draws everything, and keeps the pictures and the address in step.
 
 const data = JSON.parse(byId("data").textContent);
+data.textured = JSON.parse(byId("textured").textContent) ?? undefined;
 data.byId = new Map(data.buildings.map((b, i) => [b.id, i]));
 data.parts = partsByWhole(data.buildings);
 data.buildings.forEach((b) => { for (const key of ["ground", "base", "height", "sigma"]) b[key] ??= null; });
@@ -30,7 +31,7 @@ function start3d() {
     return;
   }
   const [low, high] = fillScene();
-  home = wholeCity(canvas, low, high);
+  home = scene.fitted(cornersOf(low, high), OPENING);
   Object.assign(scene.camera, home);
   const turnCompass = createCompass(byId("compass"));
   scene.onframe = () => turnCompass(scene.camera.yaw);
@@ -73,21 +74,11 @@ function fillScene() {
 // The city and its ground with the colours of photos.
 function addTextures() {
   const inMap = { point: (p) => p, direction: (p) => p };
-  for (const text of [data.textured?.buildings, data.textured?.ground]) {
-    if (!text) continue;
+  if (!data.textured) return;
+  for (const text of [data.textured.buildings, ...data.textured.grounds]) {
     const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
     scene.addPhotoChunk(meshOfGlb(readGlb(bytes.buffer), inMap));
   }
-}
-
-// Where the camera stands to see all of it.
-function wholeCity(canvas, low, high) {
-  const middle = low.map((v, i) => (v + high[i]) / 2);
-  const aspect = Math.min(canvas.clientWidth / Math.max(canvas.clientHeight, 1), 1.2);
-  // Cities are flat: what stands tall takes some more distance.
-  const flat = Math.max(Math.hypot(high[0] - low[0], high[1] - low[1]) / 2, 20);
-  const away = (2.3 * flat) / aspect + 1.6 * (high[2] - low[2]);
-  return { target: [middle[0], middle[1], mix(low[2], high[2], 0.4)], yaw: 0.5, pitch: 0.5, distance: away };
 }
 
 let hoverTimer = 0;

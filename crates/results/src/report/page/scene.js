@@ -9,6 +9,8 @@ const FIELD_OF_VIEW = 0.7;
 const SUN = vec.unit([-0.72, 0.12, 0.66]);
 const EDGES_FROM = 0.85;
 const SHADOWS_FROM = 0.65;
+// Share of the picture that the city fills at first.
+const FILLED = 0.9;
 // Buildings smaller than this are boxes in a simple picture, pixels of the canvas.
 const BOX_PX = 18;
 
@@ -138,6 +140,24 @@ class Scene {
     // Straight down, north or the line of sight's bearing is up in the picture.
     const up = [Math.sin(yaw) * steep, Math.cos(yaw) * steep, level];
     return { eye: vec.sub(target, vec.scale(forward, distance)), forward, right: vec.cross(forward, up), up };
+  }
+
+  // The camera that looks into a direction and shows some points as large as they fit, in the middle of the picture.
+  fitted(points, { yaw, pitch }) {
+    const { forward, right, up } = this.pose({ target: [0, 0, 0], yaw, pitch, distance: 0 });
+    const tall = FILLED * Math.tan(FIELD_OF_VIEW / 2);
+    const depths = points.map((p) => vec.dot(p, forward));
+    // A point is in the picture where |(p - eye) · axis| <= reach · (p - eye) · forward.
+    const along = (axis, reach) => {
+      const side = (sign) => Math.max(...points.map((p, i) => sign * vec.dot(p, axis) - reach * depths[i]));
+      const [a, b] = [side(1), side(-1)];
+      return { place: (a - b) / 2, depth: -(a + b) / (2 * reach) };
+    };
+    const [across, upwards] = [along(right, tall * this.aspect()), along(up, tall)];
+    const depth = Math.min(across.depth, upwards.depth);
+    const distance = Math.max((Math.min(...depths) + Math.max(...depths)) / 2 - depth, 20);
+    const eye = vec.add(vec.add(vec.scale(right, across.place), vec.scale(up, upwards.place)), vec.scale(forward, depth));
+    return { target: vec.add(eye, vec.scale(forward, distance)), yaw, pitch, distance };
   }
 
   depthRange() {
@@ -359,7 +379,7 @@ class Scene {
     const isPhoto = (chunk) => this.hasPhotos && (chunk.isReplaced || chunk.pictures.length > 0);
     const plain = seen.filter((chunk) => !isPhoto(chunk));
     const [large, small] = isSimple ? this.splitBySize(plain) : [plain, []];
-    const photos = this.hasPhotos ? [...this.photoChunks].filter(({ isGround }) => (isGround ? show.ground : show.buildings)) : [];
+    const photos = this.hasPhotos ? [...this.photoChunks].filter(({ isGround, isHidden }) => !isHidden && (isGround ? show.ground : show.buildings)) : [];
     if (this.ground && show.ground && !photos.some(({ isGround }) => isGround && this.ground.isTerrain)) this.drawGround(clip, shadowMatrix);
     this.drawFaces(clip, shadowMatrix, large);
     this.drawBoxes(clip, small);

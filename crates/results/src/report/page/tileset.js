@@ -1,5 +1,5 @@
-// Streams a 3D Tiles tileset (refine: ADD): tiles whose children would show more than some pixels are refined, those out
-// of sight are not asked for, and the ones longest out of use go when there are too many.
+// Streams a 3D Tiles tileset: tiles whose children would show more than some pixels are refined, those out of sight are not asked for, and the
+// ones longest out of use go when there are too many. Buildings are added to those of coarser tiles; finer ground replaces coarser.
 
 // Children are loaded where what they add is larger than this, pixels.
 const MOST_ERROR_PX = 12;
@@ -58,8 +58,10 @@ function createTileset(scene, on) {
     tileset.json = json;
     tileset.root = tileOf(json.root, wide.identity, new URL(".", new URL(address, location.href)).href);
     tileset.frame = firstFrame(tileset.root);
-    const sphere = sphereOf(tileset.root);
-    return { ...sphere };
+    // The middle of its box, and half axes of it.
+    const { box } = tileset.root.json.boundingVolume;
+    const corners = cornersOf([-1, -1, -1], [1, 1, 1]).map((signs) => [0, 1, 2].map((i) => box[i] + vec.dot(signs, [box[3 + i], box[6 + i], box[9 + i]])));
+    return { ...sphereOf(tileset.root), corners: corners.map((p) => wide.point(localFrom(tileset.root), p)) };
   };
 
   // The first transform on the way down is the frame of the picture.
@@ -84,6 +86,7 @@ function createTileset(scene, on) {
       }
       const errorPx = (tile.error * heightPx) / (2 * distance * Math.tan(FIELD_OF_VIEW / 2));
       tile.children.forEach((child) => visit(child, isSeen && errorPx > MOST_ERROR_PX));
+      if (tile.ground) hide(tile.ground, tile.children.some((child) => child.ground && child.used === clock));
     };
     visit(tileset.root, true);
     wanted.sort((a, b) => a[0] - b[0]);
@@ -93,6 +96,12 @@ function createTileset(scene, on) {
     }
     makeRoom();
   };
+
+  function hide(chunk, isHidden) {
+    if (Boolean(chunk.isHidden) === isHidden) return;
+    Object.assign(chunk, { isHidden });
+    scene.redraw();
+  }
 
   async function load(tile) {
     tile.state = "loading";
@@ -119,6 +128,10 @@ function createTileset(scene, on) {
     const mesh = meshOfGlb(glb, { point: (p) => wide.point(m, p), direction: (p) => wide.direction(m, p) });
     tileset.nLoaded += 1;
     tile.state = "shown";
+    const nBytes = mesh.ranges.reduce((n, { picture }) => n + picture.blob.size, 0);
+    tile.nVertices = mesh.positions.length / 3 + VERTICES_A_BYTE * nBytes;
+    nVertices += tile.nVertices;
+    tileset.tiles.push(tile);
     // The ground of a textured city.
     if (!mesh.features) {
       tile.ground = scene.addPhotoChunk(mesh);
@@ -135,11 +148,7 @@ function createTileset(scene, on) {
       on.features(tile.first, properties.count);
     }
     tile.properties = properties;
-    const nBytes = mesh.ranges.reduce((n, { picture }) => n + picture.blob.size, 0);
-    tile.nVertices = mesh.positions.length / 3 + VERTICES_A_BYTE * nBytes;
-    nVertices += tile.nVertices;
     tile.chunk = scene.addChunk(mesh, tile.first);
-    tileset.tiles.push(tile);
   }
 
   function makeRoom() {
@@ -147,9 +156,10 @@ function createTileset(scene, on) {
     tileset.tiles.sort((a, b) => b.used - a.used);
     while (nVertices > MOST_VERTICES && tileset.tiles.length > 0 && tileset.tiles.at(-1).used < clock) {
       const tile = tileset.tiles.pop();
-      scene.removeChunk(tile.chunk);
+      if (tile.ground) scene.removePhotoChunk(tile.ground);
+      else scene.removeChunk(tile.chunk);
       nVertices -= tile.nVertices;
-      Object.assign(tile, { chunk: null, properties: null, state: "new" });
+      Object.assign(tile, { chunk: null, ground: null, properties: null, state: "new" });
     }
   }
 

@@ -28,10 +28,11 @@ function showLegend(scene) {
   drawLegend(byId("legend"), ways[way]);
 }
 
-// A level plate under the city.
+// A level plate under the city; below ground with photos by more than depths are rounded by.
 function layGround(scene, { centre, low }) {
   const r = 2.5 * scene.radius;
-  const corner = (x, y) => [centre[0] + x * r, centre[1] + y * r, low];
+  const level = low - (isOfPhotos() ? Math.min(scene.radius / 2000, 0.5) : 0);
+  const corner = (x, y) => [centre[0] + x * r, centre[1] + y * r, level];
   const positions = new Float32Array([corner(-1, -1), corner(1, -1), corner(1, 1), corner(-1, 1)].flat());
   scene.groundReach = r;
   scene.setGround({ positions, indices: new Uint32Array([0, 1, 2, 0, 2, 3]) });
@@ -68,7 +69,7 @@ async function openTiles(scene) {
   scene.centre = whole.centre;
   scene.radius = Math.max(whole.radius, 20);
   layGround(scene, whole);
-  return { target: [whole.centre[0], whole.centre[1], whole.low], yaw: 0.5, pitch: 0.5, distance: 1.7 * scene.radius };
+  return scene.fitted(whole.corners, OPENING);
 }
 
 const isOfPhotos = () => tileset.json.asset.extras?.sizeup?.textures === true;
