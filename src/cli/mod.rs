@@ -7,7 +7,6 @@ mod call;
 mod changes;
 mod check;
 mod demo;
-mod doctor;
 mod dtm;
 mod evaluate;
 mod export;
@@ -26,7 +25,6 @@ mod survey;
 mod texture;
 mod tiles;
 mod ui;
-mod validate;
 mod view;
 
 use std::ffi::OsString;

@@ -1,11 +1,14 @@
 //! `sizeup check`: the machine, a configuration, or a city.
 
+mod city;
+mod setup;
+
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::validate::CityArgs;
-use super::{Failure, Global, doctor, validate};
+use super::{Failure, Global};
+use city::CityArgs;
 
 /// Arguments of `sizeup check`.
 #[derive(Debug, Clone, Args)]
@@ -32,7 +35,7 @@ pub struct CheckArgs {
 pub(super) fn run(args: &CheckArgs, global: &Global) -> Result<u8, Failure> {
     let is_config = |path: &&Path| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"));
     match args.path.as_deref() {
-        Some(city) if !is_config(&city) => validate::run(city, &args.city, global),
-        config => doctor::run(config, &args.assignments, global),
+        Some(path) if !is_config(&path) => city::run(path, &args.city, global),
+        config => setup::run(config, &args.assignments, global),
     }
 }

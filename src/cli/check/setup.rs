@@ -5,8 +5,8 @@ use std::path::Path;
 use glam::DVec3;
 use serde::Serialize;
 
-use super::flags::{BY_DEFAULT, config_file};
-use super::{Failure, Global, print, print_json};
+use super::super::flags::{BY_DEFAULT, config_file};
+use super::super::{Failure, Global, print, print_json};
 use crate::config::RunConfig;
 use crate::tiles;
 use sizeup_footprints::{FootprintSource, SMALL};
@@ -50,7 +50,7 @@ enum Presence {
 
 /// One thing that was looked at.
 #[derive(Debug, Clone, Serialize)]
-struct DoctorFinding {
+struct SetupFinding {
     what: String,
     state: Presence,
     /// The finding in words.
@@ -60,7 +60,7 @@ struct DoctorFinding {
     hint: Option<String>,
 }
 
-impl DoctorFinding {
+impl SetupFinding {
     fn ok(what: &str, found: impl Into<String>) -> Self {
         Self { what: what.to_owned(), state: Presence::Ok, found: found.into(), hint: None }
     }
@@ -100,21 +100,21 @@ pub(super) fn run(config: Option<&Path>, assignments: &[String], global: &Global
 }
 
 /// The program, the machine, and the libraries it links.
-fn of_machine(prior: Option<&PriorConfig>) -> Vec<DoctorFinding> {
+fn of_machine(prior: Option<&PriorConfig>) -> Vec<SetupFinding> {
     let memory = tiles::available_memory_mb().map_or("not known".to_owned(), |mb| format!("{mb} MB for a run"));
     let mut findings = vec![
-        DoctorFinding::ok("sizeup", env!("CARGO_PKG_VERSION")),
-        DoctorFinding::ok("processor", format!("{} threads", rayon::current_num_threads())),
-        DoctorFinding::ok("memory", memory),
-        DoctorFinding::ok("GDAL", geodata::gdal_version()),
+        SetupFinding::ok("sizeup", env!("CARGO_PKG_VERSION")),
+        SetupFinding::ok("processor", format!("{} threads", rayon::current_num_threads())),
+        SetupFinding::ok("memory", memory),
+        SetupFinding::ok("GDAL", geodata::gdal_version()),
     ];
     findings.extend(proj());
     for (driver, is_needed) in DRIVERS {
         let what = format!("GDAL's {driver}");
         findings.push(if geodata::has_driver(driver) {
-            DoctorFinding::ok(&what, "there")
+            SetupFinding::ok(&what, "there")
         } else {
-            DoctorFinding::lacking(
+            SetupFinding::lacking(
                 &what,
                 is_needed,
                 "not in this GDAL",
@@ -122,14 +122,14 @@ fn of_machine(prior: Option<&PriorConfig>) -> Vec<DoctorFinding> {
             )
         });
     }
-    findings.push(DoctorFinding::ok("embedded network engine", "built in"));
+    findings.push(SetupFinding::ok("embedded network engine", "built in"));
     let engine = match prior {
         Some(PriorConfig::Network(network)) => network.engine.clone(),
         _ => EngineConfig::default(),
     };
     findings.push(match runtime::library(&engine) {
-        Ok(path) => DoctorFinding::ok("ONNX Runtime", path.display().to_string()),
-        Err(_) => DoctorFinding::lacking(
+        Ok(path) => SetupFinding::ok("ONNX Runtime", path.display().to_string()),
+        Err(_) => SetupFinding::lacking(
             "ONNX Runtime",
             engine.name == EngineChoice::OnnxRuntime,
             "not found; networks run in the embedded engine",
@@ -137,16 +137,16 @@ fn of_machine(prior: Option<&PriorConfig>) -> Vec<DoctorFinding> {
         ),
     });
     findings.extend(known::known().iter().map(network_in_place));
-    findings.push(DoctorFinding::ok("network small", format!("built in: {}", SMALL.about)));
+    findings.push(SetupFinding::ok("network small", format!("built in: {}", SMALL.about)));
     findings
 }
 
 /// Whether a network that sizeup knows by name is in place: a run that needs it says so itself.
-fn network_in_place(network: &KnownNetwork) -> DoctorFinding {
+fn network_in_place(network: &KnownNetwork) -> SetupFinding {
     let what = format!("network {}", network.name);
     match known::in_place(Path::new(network.name)) {
-        Some(path) => DoctorFinding::ok(&what, path.display().to_string()),
-        None => DoctorFinding::lacking(
+        Some(path) => SetupFinding::ok(&what, path.display().to_string()),
+        None => SetupFinding::lacking(
             &what,
             false,
             "not in place; depth comes from files or from stereo without it",
@@ -156,7 +156,7 @@ fn network_in_place(network: &KnownNetwork) -> DoctorFinding {
 }
 
 /// Needs of a run.
-fn of_config(config: &RunConfig) -> Vec<DoctorFinding> {
+fn of_config(config: &RunConfig) -> Vec<SetupFinding> {
     let mut findings = vec![heights_grid(&config.project.crs, &config.survey.height)];
     let crs_of_poses = config.survey.crs.clone();
     findings.extend(planes(&config.project.crs, crs_of_poses, &config.footprints, &config.terrain));
@@ -180,7 +180,7 @@ fn of_config(config: &RunConfig) -> Vec<DoctorFinding> {
             model.hint = known::how_to_get(&network.graph()).filter(|_| is_missing).or(model.hint);
             findings.push(model);
         }
-        PriorConfig::Stereo(_) if config.survey.images.is_none() => findings.push(DoctorFinding::lacking(
+        PriorConfig::Stereo(_) if config.survey.images.is_none() => findings.push(SetupFinding::lacking(
             "photos for stereo",
             true,
             "`survey.images` is not set",
@@ -194,13 +194,13 @@ fn of_config(config: &RunConfig) -> Vec<DoctorFinding> {
 }
 
 /// Whether results can be written: into the folder, or the nearest one above it that is there.
-fn output(folder: &Path) -> DoctorFinding {
+fn output(folder: &Path) -> SetupFinding {
     const WHAT: &str = "project.output";
     let there = folder.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
     let there = if there.as_os_str().is_empty() { Path::new(".") } else { there };
     match tempfile::Builder::new().prefix(".partial-").tempfile_in(there) {
-        Ok(_) => DoctorFinding::ok(WHAT, format!("{} can be written", folder.display())),
-        Err(error) => DoctorFinding::lacking(
+        Ok(_) => SetupFinding::ok(WHAT, format!("{} can be written", folder.display())),
+        Err(error) => SetupFinding::lacking(
             WHAT,
             true,
             format!("nothing can be written in {}: {error}", there.display()),
@@ -222,24 +222,24 @@ fn folder_of(before_placeholder: &str) -> &Path {
     if folder.as_os_str().is_empty() { Path::new(".") } else { folder }
 }
 
-fn file(what: &str, path: &Path) -> DoctorFinding {
+fn file(what: &str, path: &Path) -> SetupFinding {
     let shown = path.display().to_string();
     if is_virtual(path) || path.exists() {
-        DoctorFinding::ok(what, shown)
+        SetupFinding::ok(what, shown)
     } else {
         let hint = format!("put it there, or set {what} to where it is; paths count from the configuration's folder");
-        DoctorFinding::lacking(what, true, format!("{shown} does not exist"), hint)
+        SetupFinding::lacking(what, true, format!("{shown} does not exist"), hint)
     }
 }
 
 /// PROJ itself, and the grid files that it finds.
-fn proj() -> [DoctorFinding; 2] {
+fn proj() -> [SetupFinding; 2] {
     let folders: Vec<String> = crs::data_folders().iter().map(|folder| folder.display().to_string()).collect();
     let grids = crs::grids_present();
     let present = if grids.is_empty() { "none".to_owned() } else { grids.join(", ") };
     [
-        DoctorFinding::ok("PROJ", format!("{}, its files in {}", crs::proj_version(), folders.join(", "))),
-        DoctorFinding::ok("PROJ's grids", present),
+        SetupFinding::ok("PROJ", format!("{}, its files in {}", crs::proj_version(), folders.join(", "))),
+        SetupFinding::ok("PROJ's grids", present),
     ]
 }
 
@@ -250,7 +250,7 @@ fn planes(
     poses: Option<Crs>,
     footprints: &FootprintSource,
     terrain: &TerrainConfig,
-) -> Vec<DoctorFinding> {
+) -> Vec<SetupFinding> {
     let footprints = match footprints {
         FootprintSource::Layer(layer) => layer.crs.clone().or_else(|| {
             let source = VectorLayer::open(&layer.path, layer.layer.as_deref()).ok()?;
@@ -266,7 +266,7 @@ fn planes(
 }
 
 /// The same of one of them; `None` where nothing has to be done.
-fn plane(what: &str, from: &Crs, to: &Crs) -> Option<DoctorFinding> {
+fn plane(what: &str, from: &Crs, to: &Crs) -> Option<SetupFinding> {
     let what = format!("PROJ's way from {what} ({from})");
     let transform = match Transform::new(from, to) {
         Ok(transform) if transform.is_identity() => return None,
@@ -274,7 +274,7 @@ fn plane(what: &str, from: &Crs, to: &Crs) -> Option<DoctorFinding> {
         Err(error) => {
             let text = error.to_string();
             let (found, hint) = text.split_once("\nhint: ").unwrap_or((&text, "`projsync --all`"));
-            return Some(DoctorFinding::lacking(&what, true, found, hint));
+            return Some(SetupFinding::lacking(&what, true, found, hint));
         }
     };
     // In the middle of where the project's system is used.
@@ -285,9 +285,9 @@ fn plane(what: &str, from: &Crs, to: &Crs) -> Option<DoctorFinding> {
     Some(match transform.better_at(x, y) {
         Some(better) => {
             let hint = how_to_get(&better.grid);
-            DoctorFinding::lacking(&what, false, format!("{found}; {better}"), hint)
+            SetupFinding::lacking(&what, false, format!("{found}; {better}"), hint)
         }
-        None => DoctorFinding::ok(&what, found),
+        None => SetupFinding::ok(&what, found),
     })
 }
 
@@ -301,10 +301,10 @@ fn how_to_get(grid: &GridFile) -> String {
 
 /// Whether PROJ can take the project's heights to the ellipsoid, which globes and satellite positions count from. A run
 /// in one height system does without; one whose poses have ellipsoidal heights does not.
-fn heights_grid(crs: &Crs, height: &HeightConfig) -> DoctorFinding {
+fn heights_grid(crs: &Crs, height: &HeightConfig) -> SetupFinding {
     const WHAT: &str = "PROJ's grid of the heights";
     if crs.vertical_name().is_none() {
-        return DoctorFinding::ok(WHAT, format!("none needed: {crs} has no vertical part"));
+        return SetupFinding::ok(WHAT, format!("none needed: {crs} has no vertical part"));
     }
     let reach = || -> Result<(), CrsError> {
         let ellipsoid = Transform3d::new(crs, &Crs::parse(ELLIPSOIDAL)?)?;
@@ -313,7 +313,7 @@ fn heights_grid(crs: &Crs, height: &HeightConfig) -> DoctorFinding {
         let (x, y) = to_map.point(f64::midpoint(west, east), f64::midpoint(south, north))?;
         ellipsoid.point(DVec3::new(x, y, 0.0)).map(drop)
     };
-    let Err(error) = reach() else { return DoctorFinding::ok(WHAT, format!("there, for {crs}")) };
+    let Err(error) = reach() else { return SetupFinding::ok(WHAT, format!("there, for {crs}")) };
     let is_shift_given = height.geoid_offset.is_some() || height.keep_ellipsoidal;
     let is_needed = height.reference == Some(VerticalDatum::Ellipsoidal) && !is_shift_given;
     let text = error.to_string();
@@ -325,5 +325,5 @@ fn heights_grid(crs: &Crs, height: &HeightConfig) -> DoctorFinding {
         || advice.to_owned(),
         |grid| format!("{}; or state the shift: geoid_offset for poses, --geoid-height for 3D Tiles", how_to_get(grid)),
     );
-    DoctorFinding::lacking(WHAT, is_needed, found, hint)
+    SetupFinding::lacking(WHAT, is_needed, found, hint)
 }

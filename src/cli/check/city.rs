@@ -5,8 +5,8 @@ use std::path::Path;
 use clap::Args;
 use serde::Serialize;
 
-use super::ui::warn_of_unfinished;
-use super::{Failure, Global, print, print_json};
+use super::super::ui::warn_of_unfinished;
+use super::super::{Failure, Global, print, print_json};
 use sizeup_geo::unfinished::told_of;
 use sizeup_results::output::read::{CITYJSON_RESULTS, result_file};
 use sizeup_results::output::validate::schema::{self, SchemaCheck, SchemaFault};
