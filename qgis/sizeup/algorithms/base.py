@@ -171,10 +171,10 @@ class SizeupAlgorithm(QgsProcessingAlgorithm, Speaks):
         left = self.tr("{} min").format(round(left_s / 60)) if left_s >= 90 else self.tr("{} s").format(round(left_s))
         return self.tr("{} (about {} left)").format(words, left)
 
-    def load_city(self, file: Optional[Path], context) -> None:
-        """Loads a city's layers, where one was made and the user wants them."""
+    def load(self, file: Optional[Path], context, layers=results.CITY_LAYERS) -> None:
+        """Loads the layers of a file, a city's by default, where one was made and the user wants them."""
         if self._load and file is not None and context.project() is not None:
-            loaded = results.load(file, results.CITY_LAYERS, self._folder, context.project())
+            loaded = results.load(file, layers, self._folder, context.project())
             if not loaded:
                 raise QgsProcessingException(self.tr("Cannot load {}").format(file))
             results.zoom_to(next((layer for layer in loaded if layer.name() == "buildings"), loaded[0]))

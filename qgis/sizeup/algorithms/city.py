@@ -191,5 +191,5 @@ class CityFromFolder(SurveyAlgorithm):
         return [part for assignment in [*own, *self._more] for part in ("--set", assignment)]
 
     def postProcessAlgorithm(self, context, feedback):  # noqa: N802, the name is QGIS's
-        self.load_city(self._file, context)
+        self.load(self._file, context)
         return {}

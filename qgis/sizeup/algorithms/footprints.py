@@ -107,7 +107,5 @@ class FindFootprints(SurveyAlgorithm):
         return {"OUTPUT": str(folder), "FOOTPRINTS": str(self._file), "CODE": outcome.code}
 
     def postProcessAlgorithm(self, context, feedback):  # noqa: N802, the name is QGIS's
-        if self._load and self._file is not None and context.project() is not None:
-            if not results.load(self._file, results.FOOTPRINT_LAYERS, self._folder, context.project()):
-                raise QgsProcessingException(self.tr("Cannot load {}").format(self._file))
+        self.load(self._file, context, results.FOOTPRINT_LAYERS)
         return {}

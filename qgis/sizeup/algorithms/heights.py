@@ -123,5 +123,5 @@ class EstimateHeights(SurveyAlgorithm):
         return {"OUTPUT": str(folder), **self.city(outcome, feedback)}
 
     def postProcessAlgorithm(self, context, feedback):  # noqa: N802, the name is QGIS's
-        self.load_city(self._file, context)
+        self.load(self._file, context)
         return {}

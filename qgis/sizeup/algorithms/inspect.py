@@ -1,7 +1,6 @@
 """Inspect survey: are the poses right?"""
 
 from qgis.core import (
-    QgsProcessingException,
     QgsProcessingOutputBoolean,
     QgsProcessingOutputFile,
     QgsProcessingOutputString,
@@ -84,7 +83,5 @@ class InspectSurvey(SurveyAlgorithm):
         }
 
     def postProcessAlgorithm(self, context, feedback):  # noqa: N802, the name is QGIS's
-        if self._load and self._layers is not None and context.project() is not None:
-            if not results.load(self._layers, results.SURVEY_LAYERS, self._folder, context.project()):
-                raise QgsProcessingException(self.tr("Cannot load {}").format(self._layers))
+        self.load(self._layers, context, results.SURVEY_LAYERS)
         return {}

@@ -66,5 +66,5 @@ class ApplyReviews(SizeupAlgorithm):
         return {"GEOPACKAGE": str(self._file), "CODE": outcome.code}
 
     def postProcessAlgorithm(self, context, feedback):  # noqa: N802, the name is QGIS's
-        self.load_city(self._file, context)
+        self.load(self._file, context)
         return {}
