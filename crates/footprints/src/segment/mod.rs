@@ -24,6 +24,7 @@ pub use self::small::{SMALL, SmallNetwork};
 use self::apart::{Apart, split};
 use self::profile::Gives;
 use self::roofs::{Maps, footprints, possible_rise};
+use self::small::{BY_COLOURS, BY_COLOURS_AND_DEPTH, Calibration};
 use self::tiles::{Joiner, Mosaic, at_photo_size};
 use self::turned::TurnedOver;
 use super::contours::{ContourFineness, ContourSource, ViewContours, ViewFault};
@@ -83,13 +84,15 @@ impl ContourSource for Segmenter {
                     dip: own_dip,
                     least_px: (PART_SHARE * look.min_area_px2).ceil() as usize,
                 };
+                let fit = if without_depth.is_none() { BY_COLOURS_AND_DEPTH } else { BY_COLOURS };
+                let calibration = self.is_built_in().then_some(fit);
                 match <[Raster<f32>; 5]>::try_from(maps) {
                     Ok([ground, roof, middle, rise, seam]) => {
                         let rise = possible_rise(&rise, look.pixel_m * geometry.lean.focal_px);
                         let maps = Maps { ground, roof, middle, rise, seam };
                         let labels = footprints(&maps, geometry.lean.nadir_px.into(), apart);
                         let found = contours(&labels, how).map_err(in_photo)?;
-                        self.scored(found, &labels, &maps.ground, without_depth.is_none())
+                        scored(found, &labels, &maps.ground, calibration)
                     }
                     Err(maps) => match &maps[..] {
                         [] => Vec::new(),
@@ -97,7 +100,7 @@ impl ContourSource for Segmenter {
                         [buildings, middles, ..] => {
                             let labels = split(buildings, middles, apart);
                             let found = contours(&labels, how).map_err(in_photo)?;
-                            self.scored(found, &labels, buildings, without_depth.is_none())
+                            scored(found, &labels, buildings, calibration)
                         }
                     },
                 }
@@ -130,27 +133,23 @@ impl ContourSource for Segmenter {
     }
 }
 
-impl Segmenter {
-    /// Contours of labels with their scores: the mean probability of their pixels, for the network that comes with sizeup calibrated.
-    fn scored(
-        &self,
-        mut found: Vec<Contour>,
-        labels: &Raster<u32>,
-        probability: &Raster<f32>,
-        has_depth: bool,
-    ) -> Vec<Contour> {
-        let n = labels.data().iter().copied().max().unwrap_or(0) as usize;
-        let mut sums = vec![(0.0_f64, 0_usize); n + 1];
-        for (label, p) in labels.data().iter().zip(probability.data()) {
-            let (sum, count) = &mut sums[*label as usize];
-            (*sum, *count) = (*sum + f64::from(*p), *count + 1);
-        }
-        for contour in &mut found {
-            let (sum, count) = sums[contour.label as usize];
-            let mean = sum / count.max(1) as f64;
-            let score = if self.is_built_in() { small::calibrated(mean, has_depth) } else { mean };
-            contour.score = score as f32;
-        }
-        found
+/// Contours of labels with their scores: the mean probability of their pixels, calibrated where a fit is known.
+fn scored(
+    mut found: Vec<Contour>,
+    labels: &Raster<u32>,
+    probability: &Raster<f32>,
+    calibration: Option<Calibration>,
+) -> Vec<Contour> {
+    let n = labels.data().iter().copied().max().unwrap_or(0) as usize;
+    let mut sums = vec![(0.0_f64, 0_usize); n + 1];
+    for (label, p) in labels.data().iter().zip(probability.data()) {
+        let (sum, count) = &mut sums[*label as usize];
+        (*sum, *count) = (*sum + f64::from(*p), *count + 1);
     }
+    for contour in &mut found {
+        let (sum, count) = sums[contour.label as usize];
+        let mean = sum / count.max(1) as f64;
+        contour.score = calibration.map_or(mean, |calibration| calibration.probability(mean)) as f32;
+    }
+    found
 }
