@@ -64,10 +64,16 @@ pub fn compute_priors(
     let survey = settings.artefacts.read_survey()?;
     let mut footprints: FootprintStage = settings.artefacts.read(Stage::Footprints, &survey)?;
     let settings = &settings.heights;
-    // As a run computes them: over the terrain as the photos correct it.
-    let stage = SceneStage::on_measured_ground(&settings.scene, &survey, &mut footprints)?;
     require_matched_photos(settings, &survey)?;
-    let priors = settings.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m)?;
+    let open = |stage: &SceneStage| settings.prior.open(&survey.views, &stage.terrain, stage.scene.bounds.max_m);
+    let mut stage = SceneStage::new(&settings.scene, &survey, &footprints)?;
+    let mut priors = open(&stage)?;
+    // As a run computes them: over the terrain as the photos correct it. Where neither the priors nor the choice of views depend on it,
+    // no photo is read for that.
+    if wanted == Wanted::Selected || priors.depend_on_terrain() {
+        stage = SceneStage::on_measured_ground(&settings.scene, &survey, &mut footprints)?;
+        priors = open(&stage)?;
+    }
     if !priors.has_cache() {
         return Err(PipelineError::Settings {
             table: "prior",

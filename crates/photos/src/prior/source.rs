@@ -193,6 +193,16 @@ impl Priors {
         }
     }
 
+    /// Whether they are others over another terrain: what several photos show together is looked for near the ground.
+    #[must_use]
+    pub fn depend_on_terrain(&self) -> bool {
+        match self {
+            Self::Files(_) => false,
+            Self::Network(network) => network.source().takes_several_photos(),
+            Self::Stereo(_) => true,
+        }
+    }
+
     /// Whether several are computed at once, and kept: worth asking for ahead.
     #[must_use]
     pub fn computes_several(&self) -> bool {

@@ -219,6 +219,11 @@ impl NetworkPriors {
         &self.profile.licence
     }
 
+    /// Whether other photos of the same ground go in with a view's, and the terrain with them.
+    pub(super) fn takes_several_photos(&self) -> bool {
+        self.wiring.n_views > 1 || self.wiring.depth_range.is_some()
+    }
+
     /// Most photos in one inference.
     pub(super) fn batch(&self) -> usize {
         self.config.batch
