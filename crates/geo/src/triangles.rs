@@ -1,4 +1,13 @@
-//! Triangles of a plane polygon, by ear clipping.
+//! Triangles of a plane polygon, by ear clipping, and where it looks.
+
+use glam::DVec3;
+
+/// Area vector of a ring in space (Newell's method): twice its area long, counter-clockwise towards its tip.
+#[must_use]
+pub fn area_vector(ring: &[DVec3]) -> DVec3 {
+    let Some(&origin) = ring.first() else { return DVec3::ZERO };
+    ring.windows(2).map(|edge| (edge[0] - origin).cross(edge[1] - origin)).sum()
+}
 
 /// Returns the triangles of a polygon, as positions among the corners of all rings: the exterior first, then its holes, each open. They may
 /// turn either way. A polygon without area has none.

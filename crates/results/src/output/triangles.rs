@@ -8,13 +8,7 @@ use glam::DVec3;
 use super::grid::OutputGrid;
 use super::planar::cross;
 use super::prism::GridFace;
-use sizeup_geo::triangles::triangulate;
-
-/// Twice the area of a ring as a vector: where it looks.
-pub fn newell(ring: &[DVec3]) -> DVec3 {
-    let from = ring[0];
-    ring.windows(2).map(|edge| (edge[0] - from).cross(edge[1] - from)).sum()
-}
+use sizeup_geo::triangles::{area_vector, triangulate};
 
 /// Vector area of a face: as long as its area, m², and upright to it, outwards.
 pub fn area_m2(face: &GridFace, grid: &OutputGrid) -> DVec3 {
@@ -30,7 +24,7 @@ pub fn of_face(face: &GridFace) -> Vec<[usize; 3]> {
     let first = face.rings[0][0];
     let from_first = |p: &[i64; 3]| DVec3::from_array(std::array::from_fn(|axis| (p[axis] - first[axis]) as f64));
     let exterior: Vec<DVec3> = face.rings[0].iter().map(from_first).collect();
-    let normal = newell(&exterior);
+    let normal = area_vector(&exterior);
     // Seen along the axis that it looks along most, from outside.
     let (x, y) = match normal.abs().max_position() {
         0 if normal.x > 0.0 => (1, 2),
@@ -62,7 +56,7 @@ pub fn of_rings(rings: &[Vec<[i64; 2]>]) -> Vec<[usize; 3]> {
 pub fn keeping_corners(face: &GridFace) -> Option<Vec<GridFace>> {
     let first = face.rings[0][0];
     let from_first = |p: &[i64; 3]| DVec3::from_array(std::array::from_fn(|axis| (p[axis] - first[axis]) as f64));
-    let normal = newell(&face.rings[0].iter().map(from_first).collect::<Vec<_>>());
+    let normal = area_vector(&face.rings[0].iter().map(from_first).collect::<Vec<_>>());
     let dropped = normal.abs().max_position();
     let [x, y] = [(dropped + 1) % 3, (dropped + 2) % 3];
     let faces_away = normal[dropped] < 0.0;

@@ -1,16 +1,13 @@
-//! Reading building surfaces from `CityJSON` 1.x and 2.0: `MultiSurface`, `CompositeSurface`, `Solid`, `MultiSolid` and
-//! `CompositeSolid`, `LoD1` or `LoD2`, with or without semantics.
-//!
-//! Source: `CityJSON` Specifications 2.0.0, sections 2 (city objects) and 3 (geometry), <https://www.cityjson.org/specs/>.
+//! Surfaces of real buildings in `LoD1` or `LoD2`, from a `CityJSON` file.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::DVec3;
-use serde::Deserialize;
-use serde_json::Value;
+use indexmap::IndexMap;
 
-use sizeup_geo::files;
+use sizeup_results::output::cityjson::read::{CityFile, CityGeometry, CitySurface};
+use sizeup_results::output::prism::FaceKind;
+use sizeup_results::output::{MalformedFile, OutputError};
 
 use super::SimulateError;
 
@@ -50,145 +47,48 @@ pub(super) struct RawCity {
     pub buildings: Vec<RawBuilding>,
 }
 
-#[derive(Deserialize)]
-struct CityJsonDocument {
-    #[serde(rename = "type")]
-    kind: String,
-    transform: Option<CityJsonTransform>,
-    #[serde(default)]
-    metadata: Value,
-    #[serde(rename = "CityObjects")]
-    objects: serde_json::Map<String, Value>,
-    vertices: Vec<[f64; 3]>,
-}
-
-#[derive(Deserialize)]
-struct CityJsonTransform {
-    scale: [f64; 3],
-    translate: [f64; 3],
-}
-
-#[derive(Deserialize)]
-struct Object {
-    #[serde(rename = "type")]
-    kind: String,
-    #[serde(default)]
-    parents: Vec<String>,
-    #[serde(default)]
-    geometry: Vec<CityJsonGeometry>,
-}
-
-#[derive(Deserialize)]
-struct CityJsonGeometry {
-    #[serde(rename = "type")]
-    kind: String,
-    #[serde(default)]
-    lod: Value,
-    #[serde(default)]
-    boundaries: Value,
-    #[serde(default)]
-    semantics: Value,
-}
-
-impl CityJsonGeometry {
-    /// `"2.2"` in version 1.1 and later, a number before.
-    fn lod(&self) -> f64 {
-        self.lod.as_f64().or_else(|| self.lod.as_str()?.parse().ok()).unwrap_or(0.0)
-    }
-}
-
 /// Reads a file. Buildings without a usable geometry are left out.
 ///
 /// # Errors
-/// [`SimulateError::File`] if it cannot be read, [`SimulateError::CityJson`] if it is something else.
+/// [`SimulateError::CityJson`] if it cannot be read or is something else.
 pub(super) fn read(path: &Path) -> Result<RawCity, SimulateError> {
-    let unusable = |reason: String| SimulateError::CityJson { path: path.to_owned(), reason };
-    let text = files::read_bytes(path)?;
-    let document: CityJsonDocument = serde_json::from_slice(&text).map_err(|e| unusable(e.to_string()))?;
-    if document.kind != "CityJSON" {
-        return Err(unusable(format!("its type is {:?}", document.kind)));
-    }
-    let vertices: Vec<DVec3> = match &document.transform {
-        Some(t) => {
-            let (scale, shift) = (DVec3::from(t.scale), DVec3::from(t.translate));
-            document.vertices.iter().map(|&v| DVec3::from(v) * scale + shift).collect()
+    let unusable = |error: OutputError| match error {
+        OutputError::Malformed(MalformedFile { reason, .. }) => {
+            SimulateError::CityJson { path: path.to_owned(), reason }
         }
-        None => document.vertices.iter().map(|&v| DVec3::from(v)).collect(),
+        OutputError::File(error) => error.into(),
+        other => SimulateError::CityJson { path: path.to_owned(), reason: other.to_string() },
     };
+    let city = CityFile::read(path).map_err(unusable)?;
     // Parts go to the building they belong to; buildings keep the order of the file.
-    let mut order: Vec<String> = Vec::new();
-    let mut surfaces: BTreeMap<String, Vec<RawSurface>> = BTreeMap::new();
-    for (id, value) in document.objects {
-        let object: Object = serde_json::from_value(value).map_err(|e| unusable(format!("object {id}: {e}")))?;
-        if !object.kind.starts_with("Building") || !matches!(object.kind.as_str(), "Building" | "BuildingPart") {
-            continue;
-        }
-        let owner = object.parents.first().cloned().unwrap_or(id);
-        let usable = object.geometry.iter().filter(|g| g.lod() <= HIGHEST_LOD);
-        let Some(best) = usable.max_by(|a, b| a.lod().total_cmp(&b.lod())) else { continue };
-        let found = surfaces.entry(owner.clone()).or_default();
-        if found.is_empty() {
-            order.push(owner);
-        }
-        collect(best, &vertices, found);
+    let mut buildings: IndexMap<&str, Vec<RawSurface>> = IndexMap::new();
+    for object in city.objects.iter().filter(|object| matches!(object.kind.as_str(), "Building" | "BuildingPart")) {
+        let owner = object.parents.first().unwrap_or(&object.id);
+        let usable = object.geometries.iter().filter(|geometry| level_of(geometry) <= HIGHEST_LOD);
+        let Some(best) = usable.max_by(|a, b| level_of(a).total_cmp(&level_of(b))) else { continue };
+        let surfaces = best.surfaces.iter().map(|surface| raw(surface, &city.vertices));
+        let is_polygon = |surface: &RawSurface| surface.rings.iter().all(|ring| ring.len() >= 3);
+        buildings.entry(owner).or_default().extend(surfaces.filter(is_polygon));
     }
-    let buildings = order.into_iter().map(|id| {
-        let surfaces = surfaces.remove(&id).unwrap_or_default();
-        RawBuilding { id, surfaces }
-    });
-    let buildings = buildings.filter(|b| !b.surfaces.is_empty()).collect();
-    Ok(RawCity { crs: crs(&document.metadata), buildings })
+    let buildings = buildings.into_iter().filter(|(_, surfaces)| !surfaces.is_empty());
+    let buildings = buildings.map(|(id, surfaces)| RawBuilding { id: id.to_owned(), surfaces }).collect();
+    Ok(RawCity { crs: city.crs.map(|crs| crs.definition().to_owned()), buildings })
 }
 
-/// `https://www.opengis.net/def/crs/EPSG/0/28992` and `urn:ogc:def:crs:EPSG::28992` as `EPSG:28992`; OGC's names of two parts
-/// (`…/crs-compound?1=…/EPSG/0/28992&2=…/EPSG/0/5709`) as `EPSG:28992+5709`.
-fn crs(metadata: &Value) -> Option<String> {
-    let name = metadata["referenceSystem"].as_str()?;
-    let parts = name.split("EPSG").skip(1).map(|part| {
-        let code = part.split(['&', ',']).next()?.rsplit(['/', ':']).next()?;
-        code.parse::<u32>().ok().map(|code| code.to_string())
-    });
-    let codes = parts.collect::<Option<Vec<String>>>()?;
-    (!codes.is_empty()).then(|| format!("EPSG:{}", codes.join("+")))
+/// Level of detail: `"2.2"`.
+fn level_of(geometry: &CityGeometry) -> f64 {
+    geometry.lod.parse().unwrap_or(0.0)
 }
 
-/// Surfaces lie one, two or three levels deep; semantics have the same nesting down to the surface.
-fn collect(geometry: &CityJsonGeometry, vertices: &[DVec3], found: &mut Vec<RawSurface>) {
-    let depth = match geometry.kind.as_str() {
-        "MultiSurface" | "CompositeSurface" => 0,
-        "Solid" => 1,
-        "MultiSolid" | "CompositeSolid" => 2,
-        _ => return,
+fn raw(surface: &CitySurface, vertices: &[[f64; 3]]) -> RawSurface {
+    let role = match surface.kind {
+        Some(FaceKind::Roof) => Role::Roof,
+        Some(FaceKind::Ground) => Role::Ground,
+        Some(FaceKind::Wall) => Role::Wall,
+        None => Role::Unsaid,
     };
-    let kinds = &geometry.semantics["surfaces"];
-    descend(&geometry.boundaries, &geometry.semantics["values"], depth, &mut |boundary, value| {
-        let role = match value.as_u64().and_then(|i| kinds[i as usize]["type"].as_str()) {
-            Some("RoofSurface") => Role::Roof,
-            Some("GroundSurface") => Role::Ground,
-            Some(_) => Role::Wall,
-            None => Role::Unsaid,
-        };
-        let ring = |r: &Value| -> Option<Vec<DVec3>> {
-            let indices = r.as_array()?.iter();
-            let points: Option<Vec<DVec3>> =
-                indices.map(|i| vertices.get(usize::try_from(i.as_u64()?).ok()?).copied()).collect();
-            points.filter(|p| p.len() >= 3)
-        };
-        let rings: Option<Vec<Vec<DVec3>>> = boundary.as_array().and_then(|rings| rings.iter().map(ring).collect());
-        if let Some(rings) = rings.filter(|r| !r.is_empty()) {
-            found.push(RawSurface { rings, role });
-        }
-    });
-}
-
-fn descend(boundary: &Value, value: &Value, depth: usize, visit: &mut impl FnMut(&Value, &Value)) {
-    for (i, inner) in boundary.as_array().into_iter().flatten().enumerate() {
-        if depth == 0 {
-            visit(inner, &value[i]);
-        } else {
-            descend(inner, &value[i], depth - 1, visit);
-        }
-    }
+    let ring = |ring: &Vec<u32>| ring.iter().map(|&i| DVec3::from(vertices[i as usize])).collect();
+    RawSurface { rings: surface.rings.iter().map(ring).collect(), role }
 }
 
 #[cfg(test)]
@@ -215,17 +115,6 @@ mod tests {
         assert_eq!(city.buildings.len(), 1);
         assert_eq!((city.buildings[0].id.as_str(), city.buildings[0].surfaces.len()), ("b", 6));
         assert_eq!(city.buildings[0].surfaces[1].rings[0][2], DVec3::new(12.0, 21.0, 3.0));
-    }
-
-    #[test]
-    fn the_vertical_part_of_a_compound_is_not_its_crs() {
-        let of = |name: &str| crs(&serde_json::json!({ "referenceSystem": name }));
-        let part = |n: &str, code: u32| format!("{n}=http://www.opengis.net/def/crs/EPSG/0/{code}");
-        let url = format!("http://www.opengis.net/def/crs-compound?{}&{}", part("1", 28992), part("2", 5709));
-        assert_eq!(of(&url).as_deref(), Some("EPSG:28992+5709"));
-        assert_eq!(of("urn:ogc:def:crs,crs:EPSG::28992,crs:EPSG::5709").as_deref(), Some("EPSG:28992+5709"));
-        assert_eq!(of("urn:ogc:def:crs:EPSG::7415").as_deref(), Some("EPSG:7415"));
-        assert_eq!(of("OGC:CRS84"), None);
     }
 
     #[test]

@@ -9,6 +9,7 @@ use glam::{DVec2, DVec3};
 use rstar::{RTree, primitives::GeomWithData};
 
 use sizeup_geo::terrain::Terrain;
+use sizeup_geo::triangles::area_vector;
 use sizeup_heights::ids::BuildingId;
 
 use super::SimulateError;
@@ -97,14 +98,8 @@ fn draft(raw: &RawBuilding, shift: DVec3) -> Option<Draft> {
     Some(Draft { id: BuildingId(raw.id.clone()), footprint, triangles, foot_z_m })
 }
 
-/// Newell's normal of a ring.
-fn normal(ring: &[DVec3]) -> DVec3 {
-    let origin = ring[0];
-    (1..ring.len() - 1).map(|i| (ring[i] - origin).cross(ring[i + 1] - origin)).sum::<DVec3>().normalize_or_zero()
-}
-
 fn role_of(rings: &[Vec<DVec3>]) -> Role {
-    match normal(&rings[0]).z {
+    match area_vector(&rings[0]).normalize_or_zero().z {
         z if z > ROOF_NORMAL_Z => Role::Roof,
         z if z < -ROOF_NORMAL_Z => Role::Ground,
         _ => Role::Wall,
@@ -113,7 +108,7 @@ fn role_of(rings: &[Vec<DVec3>]) -> Role {
 
 /// Triangles of a planar surface of any attitude; roofs face up, ground is never seen.
 fn triangles_of(surface: &RawSurface) -> Vec<Triangle> {
-    let n = normal(&surface.rings[0]);
+    let n = area_vector(&surface.rings[0]).normalize_or_zero();
     if surface.role == Role::Ground || n == DVec3::ZERO {
         return Vec::new();
     }

@@ -17,6 +17,7 @@ use super::super::triangles;
 use super::super::{BuildingRecord, CityModel};
 use super::ground::GroundMesh;
 use super::{CitySurfaces, SolidBuilding, TexturedGround, UNSEEN};
+use sizeup_geo::triangles::area_vector;
 use sizeup_photos::textures::Textures;
 
 /// Numbers of the format (glTF 2.0, 5.1 and 5.11).
@@ -140,7 +141,7 @@ impl File {
                 DVec3::new(x, z, -y)
             };
             let exterior: Vec<DVec3> = face.rings[0].iter().map(at).collect();
-            let normal = triangles::newell(&exterior).normalize_or(DVec3::Y).as_vec3().to_array();
+            let normal = area_vector(&exterior).normalize_or(DVec3::Y).as_vec3().to_array();
             let first = mesh.positions.len();
             mesh.positions.extend(corners().map(|p| at(p).as_vec3().to_array()));
             mesh.normals.extend(corners().map(|_| normal));

@@ -16,6 +16,7 @@ use super::super::prism::{GridFace, SnappedPrism};
 use super::super::textured::{FacePaint, TexturedGround};
 use super::super::triangles;
 use super::place::TilesetPlace;
+use sizeup_geo::triangles::area_vector;
 
 /// One building, ready to be placed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -173,7 +174,7 @@ impl TileMesh {
             for point in &mut points {
                 *point = gltf_from_enu(*point);
             }
-            let normal = triangles::newell(&points[..face.rings[0].len()]).normalize_or_zero();
+            let normal = area_vector(&points[..face.rings[0].len()]).normalize_or_zero();
             self.flat(&points, normal, look, &triangles::of_face(face));
         }
         Ok(())

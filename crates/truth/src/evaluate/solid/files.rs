@@ -8,9 +8,10 @@ use geo_types::{Coord, LineString, MultiPolygon, Polygon};
 use glam::DVec3;
 
 use super::super::read::HEIGHT_FIELDS;
-use super::{Facet, Solid, UprightPrism, normal, triangulate};
+use super::{Facet, Solid, UprightPrism, triangulate};
 use sizeup_geo::crs::{Crs, CrsError, Transform, VerticalReference};
 use sizeup_geo::files::{self, FileError, write_whole};
+use sizeup_geo::triangles::area_vector;
 use sizeup_results::output::cityjson::read::{CityFile, CityObject, CitySurface};
 use sizeup_results::output::prism::FaceKind;
 use sizeup_results::output::read::{FoundBuildings, ReadError, ReadOptions, height_unit_m};
@@ -175,7 +176,7 @@ fn of_surfaces(id: &str, surfaces: &[&CitySurface], vertices: &[DVec3]) -> Solid
             surface.rings.iter().map(|ring| ring.iter().map(|&i| vertices[i as usize]).collect()).collect();
         let Some(exterior) = rings.first() else { continue };
         base_m = exterior.iter().map(|p| p.z).fold(base_m, f64::min);
-        let cosine = normal(exterior).normalize_or_zero().z;
+        let cosine = area_vector(exterior).normalize_or_zero().z;
         let is_bottom = match surface.kind {
             Some(kind) => kind == FaceKind::Ground,
             None => cosine < -super::BOTTOM_COSINE,

@@ -15,7 +15,7 @@ use geo_types::{MultiPolygon, Polygon};
 use glam::DVec3;
 
 pub use files::{SolidError, Solids, read_solids, write_obj};
-pub use triangulate::{normal, triangulate};
+pub use triangulate::triangulate;
 
 use sizeup_results::output::BuildingRecord;
 

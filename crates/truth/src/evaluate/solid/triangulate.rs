@@ -2,21 +2,14 @@
 
 use glam::DVec3;
 
-use sizeup_geo::triangles;
-
-/// Area vector of a ring (Newell's method): twice its area long, counter-clockwise towards its tip.
-#[must_use]
-pub fn normal(ring: &[DVec3]) -> DVec3 {
-    let Some(&origin) = ring.first() else { return DVec3::ZERO };
-    ring.windows(2).map(|edge| (edge[0] - origin).cross(edge[1] - origin)).sum()
-}
+use sizeup_geo::triangles::{self, area_vector};
 
 /// Triangles of an exterior ring and its holes (rings not closed), in the exterior's sense. A ring without area has
 /// none.
 #[must_use]
 pub fn triangulate(rings: &[Vec<DVec3>]) -> Vec<[DVec3; 3]> {
     let Some(exterior) = rings.first() else { return Vec::new() };
-    let facing = normal(exterior);
+    let facing = area_vector(exterior);
     let a = facing.abs();
     if a.max_element() == 0.0 {
         return Vec::new();
