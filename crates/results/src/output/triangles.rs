@@ -15,7 +15,7 @@ pub fn area_m2(face: &GridFace, grid: &OutputGrid) -> DVec3 {
     let first = face.rings[0][0];
     let metres =
         |p: &[i64; 3]| DVec3::from_array(std::array::from_fn(|axis| (p[axis] - first[axis]) as f64)) * grid.scale_m;
-    let of_ring = |ring: &Vec<[i64; 3]>| newell(&ring.iter().map(metres).collect::<Vec<_>>()) / 2.0;
+    let of_ring = |ring: &Vec<[i64; 3]>| area_vector(&ring.iter().map(metres).collect::<Vec<_>>()) / 2.0;
     face.rings.iter().map(of_ring).sum()
 }
 
