@@ -316,8 +316,9 @@ fn artefacts_of_poses_priors_and_terrain_that_have_changed_are_refused() {
     refused("output", &format!("priors/{stem}.npy is gone"), "heights");
     std::fs::write(&prior, bytes).unwrap();
     assert!([0, 5].contains(&scene.run(&["--from", "output"]).code), "as it was");
-    // What lies beside the terrain is read with it.
-    std::fs::write(scene.path("dtm.tif.aux.xml"), "<PAMDataset></PAMDataset>").unwrap();
+    // What lies beside the terrain is read with it, unless it is statistics alone.
+    let holes = "<PAMDataset><PAMRasterBand band=\"1\"><NoDataValue>-1</NoDataValue></PAMRasterBand></PAMDataset>";
+    std::fs::write(scene.path("dtm.tif.aux.xml"), holes).unwrap();
     refused("heights", "dtm.tif.aux.xml is new", "footprints");
     scene.edit("sparse/images.txt", |text| text.replacen("# ", "#  ", 1));
     refused("footprints", "sparse/images.txt has changed", "survey");

@@ -601,7 +601,7 @@ fn the_report_and_the_viewer_show_textures_first_with_a_switch_to_heights_and_st
 
 #[test]
 fn a_finished_result_is_textured_afterwards_as_within_the_run() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     // The scene has no photos: every wall is plain, and said to be.
     let run = scene.run(&["--set", "output.textures.enabled=true"]);
     assert!(run.code == 0 || run.code == 5, "{}", run.stderr);

@@ -177,7 +177,7 @@ fn core_of(tile: &Value) -> [f64; 4] {
 
 #[test]
 fn a_city_in_tiles_is_textured_tile_by_tile_and_again_where_a_picture_is_gone() {
-    let scene = Scene::new();
+    let scene = Scene::with_page();
     fs::create_dir(scene.path("images")).unwrap();
     scene.stems().iter().for_each(|stem| paint(&scene, stem, [90, 120, 60]));
     scene.edit("sizeup.toml", |text| text.replace("path = \"sparse\"", "path = \"sparse\"\nimages = \"images\""));

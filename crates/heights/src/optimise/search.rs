@@ -30,9 +30,9 @@ use crate::stats::{jackknife_sigma, parabola_peak};
 const MIN_GAIN: f64 = 0.002;
 /// Fewer views do not tell the two apart.
 const MIN_VIEWS: usize = 3;
-/// Share of a view's open rays that may look at something the scene does not have before it counts as such and not as errors of the prior. Nine
-/// tenths of the views have less than 0.03 in towns with all footprints, and three quarters more than 0.05 over Warsaw, with nine.
-const MAX_UNMODELLED: f32 = 0.05;
+/// Share of a view's open rays that look at something the scene does not have: up to the first it counts as errors of the prior, from the second
+/// on as such. Nine tenths of the views have less than 0.03 in towns with all footprints, and three quarters more than 0.05 over Warsaw, with nine.
+const UNMODELLED_SHARES: [f32; 2] = [0.025, 0.075];
 
 /// The interval of heights a sweep tries for one building.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -101,8 +101,8 @@ pub struct SweepView<'a> {
     pub stops: Stops,
     /// Mapping of the prior to metres.
     calibration: Option<Calibration>,
-    /// Whether much stands in it that the scene does not have.
-    has_unmodelled: bool,
+    /// How far what stands out in it is taken for something that the scene does not have, 0 to 1, and not for errors of the prior.
+    belief: f32,
 }
 
 impl<'a> SweepView<'a> {
@@ -123,10 +123,14 @@ impl<'a> SweepView<'a> {
             }),
             CalibrationRays::None => Some(Calibration::IN_METRES),
         };
-        let has_unmodelled = calibration.is_some_and(|calibration| {
-            calibration.is_in_metres || unmodelled_share(evidence, &stops, calibration) > MAX_UNMODELLED
-        });
-        Self { placed, evidence, stops, calibration, has_unmodelled }
+        let belief = match calibration {
+            Some(calibration) if !calibration.is_in_metres => {
+                let [low, high] = UNMODELLED_SHARES;
+                ((unmodelled_share(evidence, &stops, calibration) - low) / (high - low)).clamp(0.0, 1.0)
+            }
+            _ => 1.0,
+        };
+        Self { placed, evidence, stops, calibration, belief }
     }
 
     /// The score of each height of one building, as a local sweep up to the highest of them has it; empty where the view
@@ -152,10 +156,7 @@ impl<'a> SweepView<'a> {
     pub(super) fn window(&self, scene: &Scene, building: usize, scope: Scope) -> Option<Window> {
         let ground_z = scene.prisms[building].ground_z;
         let mut window = Window::new(self.evidence, building as u32, ground_z, &self.stops, self.calibration, scope)?;
-        if !self.has_unmodelled {
-            // What stands out around it are errors of the prior.
-            window.unmodelled = 0.0;
-        }
+        window.unmodelled *= self.belief;
         Some(window)
     }
 

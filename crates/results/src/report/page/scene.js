@@ -155,8 +155,9 @@ class Scene {
     };
     const [across, upwards] = [along(right, tall * this.aspect()), along(up, tall)];
     const depth = Math.min(across.depth, upwards.depth);
-    const distance = Math.max((Math.min(...depths) + Math.max(...depths)) / 2 - depth, 20);
     const eye = vec.add(vec.add(vec.scale(right, across.place), vec.scale(up, upwards.place)), vec.scale(forward, depth));
+    // The target lies on the ground: coming closer would lead beneath it, or over the city, otherwise.
+    const distance = Math.max((eye[2] - Math.min(...points.map((p) => p[2]))) / -forward[2], 20);
     return { target: vec.add(eye, vec.scale(forward, distance)), yaw, pitch, distance };
   }
 
