@@ -380,7 +380,7 @@ fn write_long_town(path: &Path) -> String {
     let mut town = town();
     let mut house = town.records[0].clone();
     house.attributes.insert("note".to_owned(), "x".repeat(17_000).into());
-    town.records.extend((0..LAST_HOUSE + 1).map(|i| sizeup::output::BuildingRecord {
+    town.records.extend((0..=LAST_HOUSE).map(|i| sizeup::output::BuildingRecord {
         id: format!("h{i}"),
         footprint: house.footprint.as_ref().map(|f| geo::Translate::translate(f, 30.0 * f64::from(i), 500.0)),
         ..house.clone()

@@ -84,7 +84,7 @@ mod tests {
 
     use super::*;
 
-    fn of(attributes: Value) -> Option<Address> {
+    fn of(attributes: &Value) -> Option<Address> {
         Address::of(attributes.as_object().unwrap())
     }
 
@@ -97,8 +97,8 @@ mod tests {
             "other_tags": "\"addr:street\"=>\"Am Hof\",\"addr:housenumber\"=>\"7\",\"addr:postcode\"=>\"1010\",\
                            \"addr:city\"=>\"Wien\",\"addr:country\"=>\"AT\"",
         });
-        let found = of(columns).unwrap();
-        assert_eq!(of(tags), Some(found.clone()));
+        let found = of(&columns).unwrap();
+        assert_eq!(of(&tags), Some(found.clone()));
         let expected = json!({
             "Country": "AT", "Locality": "Wien", "Postcode": "1010", "ThoroughfareName": "Am Hof", "ThoroughfareNumber": "7",
         });
@@ -109,9 +109,9 @@ mod tests {
     fn a_postcode_alone_is_no_address_and_markup_stays_text() {
         for none in [json!({}), json!({ "addr:postcode": "1010" }), json!({ "addr:street": "  ", "street": "Am Hof" })]
         {
-            assert_eq!(of(none.clone()), None, "{none}");
+            assert_eq!(of(&none), None, "{none}");
         }
-        let gml = of(json!({ "addr:street": "A & <B>" })).unwrap().to_gml();
+        let gml = of(&json!({ "addr:street": "A & <B>" })).unwrap().to_gml();
         assert!(gml.contains("<xAL:ThoroughfareName>A &amp; &lt;B&gt;</xAL:ThoroughfareName>"), "{gml}");
     }
 }
