@@ -64,7 +64,7 @@ fn footprints_that_are_off_one_by_one_are_told_and_heights_are_measured_where_th
             let Some(of_truth) = truth.get(&record.id) else { continue };
             let given_m = off_m(record.footprint.as_ref().unwrap(), of_truth);
             let moved_m = off_m(&record.footprint_in_photos().unwrap(), of_truth);
-            assert!(moved_m < 0.6 && moved_m < given_m, "{kind:?} {}: {given_m:.2} m, moved {moved_m:.2} m", record.id);
+            assert!(moved_m < 0.7 && moved_m < given_m, "{kind:?} {}: {given_m:.2} m, moved {moved_m:.2} m", record.id);
             n_told += 1;
         }
         let large = records.values().filter_map(|record| Some((record, truth.get(&record.id)?)));

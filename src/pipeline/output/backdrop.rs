@@ -17,6 +17,7 @@ use rayon::prelude::*;
 
 use sizeup_geo::files::is_virtual;
 use sizeup_geo::terrain::{MapBox, Terrain};
+use sizeup_heights::ids::ViewId;
 use sizeup_results::output::BuildingRecord;
 use sizeup_results::output::picture::photo_of;
 use sizeup_results::report::Backdrop;
@@ -75,7 +76,7 @@ pub(in crate::pipeline) fn lay(
 ) -> Option<Backdrop> {
     let sheet = BackdropSheet::over(town_of(records)?, (terrain, level_of(records)), (LEAST_PX_M, longest_px))?;
     let at_hand: Vec<&View> = at_hand(views).collect();
-    let chosen = choose(&at_hand, &sheet, effort, &mut sheet.nowhere(effort));
+    let chosen = choose(&at_hand, &sheet, effort, &|_, _| true, &mut sheet.nowhere(effort));
     sheet.lay(&chosen)
 }
 
@@ -89,15 +90,22 @@ pub(in crate::pipeline) fn lay_where_seen(
     sight: Sight<'_>,
 ) -> Option<Backdrop> {
     let sheet = BackdropSheet::over(area, (terrain, mean_m), size)?;
-    let mut is_covered = sheet.nowhere(CITY);
-    let mut chosen: Vec<&View> = Vec::new();
-    for kind in [ViewKind::Nadir, ViewKind::Oblique] {
-        let at_hand: Vec<&View> = at_hand_of(views, kind).collect();
-        chosen.extend(choose(&at_hand, &sheet, CITY, &mut is_covered));
+    let mut unread = BTreeSet::new();
+    loop {
+        let mut is_covered = sheet.nowhere(CITY);
+        let mut chosen: Vec<&View> = Vec::new();
+        for kind in [ViewKind::Nadir, ViewKind::Oblique] {
+            let at_hand: Vec<&View> = at_hand_of(views, kind).filter(|view| !unread.contains(&view.id)).collect();
+            chosen.extend(choose(&at_hand, &sheet, CITY, sight, &mut is_covered));
+        }
+        // In the order of the survey.
+        chosen.sort_by(|a, b| a.id.cmp(&b.id));
+        match sheet.lay_blocks(&chosen, sight) {
+            Ok(backdrop) => return backdrop,
+            // What they were chosen for is for others.
+            Err(these) => unread.extend(these),
+        }
     }
-    // In the order of the survey.
-    chosen.sort_by(|a, b| a.id.cmp(&b.id));
-    sheet.lay_blocks(&chosen, sight)
 }
 
 /// The footprints with a margin around them; `None` without any.
@@ -174,42 +182,40 @@ impl<'a> BackdropSheet<'a> {
     }
 
     /// Lays each photo on the blocks of pixels that it shows best; [`PHOTOS_AT_A_TIME`] are in memory.
-    fn lay_blocks(&self, chosen: &[&View], sight: Sight<'_>) -> Option<Backdrop> {
+    ///
+    /// # Errors
+    /// The photos that cannot be read.
+    fn lay_blocks<'v>(&self, chosen: &[&'v View], sight: Sight<'_>) -> Result<Option<Backdrop>, Vec<&'v ViewId>> {
         let [width, height] = self.size_px;
         let (mut picture, mut shown) = (RgbImage::new(width, height), GrayImage::new(width, height));
-        let (mut used, mut unread) = (BTreeSet::new(), BTreeSet::new());
-        let mut open: Vec<u32> = (0..self.n_blocks()[0] * self.n_blocks()[1]).collect();
-        while !open.is_empty() {
-            // Blocks of photos that cannot be read are for others.
-            let readable: Vec<usize> = (0..chosen.len()).filter(|k| !unread.contains(k)).collect();
-            let best = |&block: &u32| Some((self.photo_of_block(block, chosen, &readable, sight)?, block));
-            let found: Vec<(usize, u32)> = open.par_iter().filter_map(best).collect();
-            let mut blocks_of: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
-            found.into_iter().for_each(|(k, block)| blocks_of.entry(k).or_default().push(block));
-            open.clear();
-            for some in blocks_of.into_iter().collect::<Vec<_>>().chunks(PHOTOS_AT_A_TIME) {
-                let painted = |(k, blocks): &(usize, Vec<u32>)| {
-                    let photo = Photo::read(chosen[*k], self)?;
-                    Some(blocks.iter().map(|&block| self.colours_of(block, &photo)).collect::<Vec<_>>())
+        let (mut used, mut unread) = (Vec::new(), Vec::new());
+        let blocks = 0..self.n_blocks()[0] * self.n_blocks()[1];
+        let best = |block: u32| Some((self.photo_of_block(block, chosen, sight)?, block));
+        let found: Vec<(usize, u32)> = blocks.into_par_iter().filter_map(best).collect();
+        let mut blocks_of: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
+        found.into_iter().for_each(|(k, block)| blocks_of.entry(k).or_default().push(block));
+        for some in blocks_of.into_iter().collect::<Vec<_>>().chunks(PHOTOS_AT_A_TIME) {
+            let painted = |(k, blocks): &(usize, Vec<u32>)| {
+                let photo = Photo::read(chosen[*k], self)?;
+                Some(blocks.iter().map(|&block| self.colours_of(block, &photo)).collect::<Vec<_>>())
+            };
+            let painted: Vec<Option<Vec<_>>> = some.par_iter().map(painted).collect();
+            for ((k, blocks), painted) in some.iter().zip(painted) {
+                let id = &chosen[*k].id;
+                let Some(painted) = painted else {
+                    unread.push(id);
+                    continue;
                 };
-                let painted: Vec<Option<Vec<_>>> = some.par_iter().map(painted).collect();
-                for ((k, blocks), painted) in some.iter().zip(painted) {
-                    let Some(painted) = painted else {
-                        unread.insert(*k);
-                        open.extend(blocks);
-                        continue;
-                    };
-                    used.insert(*k);
-                    let pixels = blocks.iter().flat_map(|&block| self.pixels_of(block));
-                    for ((x, y), colour) in pixels.zip(painted.into_iter().flatten()) {
-                        let Some(colour) = colour else { continue };
-                        picture.put_pixel(x, y, Rgb(colour));
-                        shown.put_pixel(x, y, Luma([u8::MAX]));
-                    }
+                used.push(id.0.clone());
+                let pixels = blocks.iter().flat_map(|&block| self.pixels_of(block));
+                for ((x, y), colour) in pixels.zip(painted.into_iter().flatten()) {
+                    let Some(colour) = colour else { continue };
+                    picture.put_pixel(x, y, Rgb(colour));
+                    shown.put_pixel(x, y, Luma([u8::MAX]));
                 }
             }
         }
-        self.backdrop(picture, shown, used.into_iter().map(|k| chosen[k].id.0.clone()).collect())
+        if unread.is_empty() { Ok(self.backdrop(picture, shown, used)) } else { Err(unread) }
     }
 
     fn backdrop(&self, picture: RgbImage, shown: GrayImage, photos: Vec<String>) -> Option<Backdrop> {
@@ -236,12 +242,12 @@ impl<'a> BackdropSheet<'a> {
     }
 
     /// Position of the photo for a block of pixels: of those that see its middle the one closest to above it.
-    fn photo_of_block(&self, block: u32, views: &[&View], readable: &[usize], sight: Sight<'_>) -> Option<usize> {
+    fn photo_of_block(&self, block: u32, views: &[&View], sight: Sight<'_>) -> Option<usize> {
         let [columns, _] = self.n_blocks();
         let [x, y] = [block % columns, block / columns].map(|at| at * BLOCK_PX + BLOCK_PX / 2);
         let place = self.place(x, y);
         let aside = |k: usize| (views[k].centre() - place).truncate().length_squared();
-        let mut open: Vec<(f64, usize)> = readable.iter().map(|&k| (aside(k), k)).collect();
+        let mut open: Vec<(f64, usize)> = (0..views.len()).map(|k| (aside(k), k)).collect();
         // One of the first few sees it nearly everywhere: sorting all of them takes longer.
         while let Some(nearest) = (0..open.len()).min_by(|&i, &j| open[i].0.total_cmp(&open[j].0)) {
             let k = open[nearest].1;
@@ -269,10 +275,17 @@ impl<'a> BackdropSheet<'a> {
 }
 
 /// The views that together see most, the one that sees most first.
-fn choose<'a>(views: &[&'a View], sheet: &BackdropSheet<'_>, effort: Effort, is_covered: &mut [bool]) -> Vec<&'a View> {
+fn choose<'a>(
+    views: &[&'a View],
+    sheet: &BackdropSheet<'_>,
+    effort: Effort,
+    sight: Sight<'_>,
+    is_covered: &mut [bool],
+) -> Vec<&'a View> {
     let places = sheet.places(effort.n_places);
     let seen_by = |view: &&View| -> Vec<usize> {
-        (0..places.len()).filter(|&place| view.pixel_of(places[place]).is_some()).collect()
+        let is_seen = |place: DVec3| view.pixel_of(place).is_some() && sight(view.centre(), place);
+        (0..places.len()).filter(|&at| is_seen(places[at])).collect()
     };
     let sees: Vec<Vec<usize>> = views.par_iter().map(seen_by).collect();
     let least = (effort.least_gain * places.len() as f64).max(1.0);
