@@ -154,7 +154,7 @@ impl Looks {
             return vec![0.0; cells.len()];
         }
         let mut relief: Vec<f32> = if is_raised {
-            raised(photo, cells, size, &mut seed::stream(self.key, "raised", &[]))
+            raised(photo, cells, size.0, &mut seed::stream(self.key, "raised", &[]))
         } else {
             cells.iter().map(|c| c.map_or(0.0, |c| self.relief_gain * photo.relief[c])).collect()
         };
@@ -236,7 +236,7 @@ impl Looks {
 
 /// Depth from outlines: flat roofs of several heights, and trees, most of them where the photo is green. These stand out of the ground like
 /// roofs, so that only colours tell them apart.
-fn raised(photo: &Photo, cells: &[Option<usize>], (columns, rows): (usize, usize), rng: &mut impl Rng) -> Vec<f32> {
+fn raised(photo: &Photo, cells: &[Option<usize>], columns: usize, rng: &mut impl Rng) -> Vec<f32> {
     let common: f32 = rng.random_range(ROOF_RELIEF);
     let mut roofs: BTreeMap<u16, f32> = BTreeMap::new();
     let is_tree = |i: usize| {
@@ -382,6 +382,32 @@ mod tests {
         assert!(
             n_blue > 50 && n_neutral > 200 && n_red < 2 * n_blue + 50,
             "{n_red} red, {n_blue} blue, {n_neutral} neither"
+        );
+    }
+
+    /// A meadow beside a car park: what stands out stands on the meadow, mostly, and on the car park now and then.
+    #[test]
+    fn trees_stand_where_it_is_green() {
+        let mut photo = red_roof();
+        photo.size = (64, 32);
+        photo.roof = Raster::filled(64, 32, 0);
+        let is_meadow = |i: usize| i % 64 < 32;
+        photo.rgb = (0..64 * 32).map(|i| if is_meadow(i) { [80, 120, 60] } else { [120, 120, 120] }).collect();
+        let cells: Vec<Option<usize>> = (0..64 * 32).map(Some).collect();
+        let (mut n_meadow, mut n_car_park) = (0, 0);
+        for key in 0..100 {
+            let relief = raised(&photo, &cells, 64, &mut seed::stream(key, "test", &[]));
+            // Crowns reach over the border by up to 14 pixels.
+            let raised = |meadow: bool| {
+                let is_far = |i: &usize| (i % 64).abs_diff(32) > 14;
+                (0..64 * 32).filter(|i| is_meadow(*i) == meadow && is_far(i) && relief[*i] > 0.0).count()
+            };
+            n_meadow += raised(true);
+            n_car_park += raised(false);
+        }
+        assert!(
+            n_car_park > 0 && n_meadow > 2 * n_car_park,
+            "{n_meadow} pixels of the meadow, {n_car_park} of the car park"
         );
     }
 }
