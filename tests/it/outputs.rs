@@ -176,7 +176,7 @@ fn roofs_are_solids_beside_the_blocks_and_come_back_from_the_files() {
     town.records[1].roof =
         Some(RoofShape { ridge_azimuth_deg: Some(90.0), ..RoofShape::new(RoofForm::Gable, 6.0, 9.0) });
     let corners = [[e, n + 40.0], [e + 5.0, n + 40.0], [e + 5.0, n + 52.0], [e, n + 52.0]];
-    let step = Some(Terrace { corners, is_upper: true, gable: None });
+    let step = Some(Terrace { corners, is_upper: true });
     town.records[3].roof = Some(RoofShape { step, ..RoofShape::new(RoofForm::Stepped, 50.0, 65.0) });
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);

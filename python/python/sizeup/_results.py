@@ -42,7 +42,7 @@ class Building:
     """Ground level plus height."""
     roof: Mapping[str, Any] | None
     """The roof that the photos support: ``form``, ``eave_height_m``, ``ridge_height_m``, and where they are known
-    ``ridge_azimuth_deg`` of a gable and ``step``, the plan of a stepped or mixed one."""
+    ``ridge_azimuth_deg`` of a gable and ``step``, the plan of a stepped one."""
     part_of: str | None
     """The building of the input that this is a part of."""
     views: tuple[str, ...]

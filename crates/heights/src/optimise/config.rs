@@ -307,7 +307,7 @@ impl Default for SearchConfig {
             measure_footprints: true,
             leave_out_vegetation: true,
             split_levels: true,
-            roof_forms: vec![RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped, RoofForm::Mixed],
+            roof_forms: vec![RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped],
             agreement_weight: 0.1,
             local_agreement_weight: 0.03,
             unmodelled_agreement_weight: 0.3,

@@ -111,8 +111,9 @@ pub struct Evidence<'a> {
     pub was_bent: bool,
     /// Size of a pixel of the prior or of the working image, whichever is larger, in pixels of the working image.
     pub pixel_px: f64,
-    /// Mapping of the prior to metres by the ground alone, once somebody has asked.
-    pub(super) on_ground: OnceLock<Option<Calibration>>,
+    /// Mapping of the prior to metres by the ground alone, once somebody has asked, and the belief in what stands out
+    /// ([`super::search`]).
+    pub(super) on_ground: OnceLock<Option<(Calibration, f32)>>,
     /// The buildings whose footprints rays cross, ascending: those of a view, not those of the scene.
     crossed: Vec<u32>,
     /// Which rays cross the footprint of `crossed[i]`: `rays_of[start[i]..start[i + 1]]`.

@@ -22,12 +22,7 @@ impl FormedRoof {
     pub fn of(prism: &Prism, roof: Option<Roof>) -> Option<Self> {
         let roof = roof.filter(|roof| roof.form != RoofForm::Flat)?;
         let planes = RoofPlanes::of(&roof, prism)?;
-        let gable_eave_m = roof.terrace.and_then(|terrace| terrace.gable).map_or(f64::INFINITY, |gable| gable.eave_m);
-        let levels_m = [roof.eave_m, roof.ridge_m, roof.eave_m.min(gable_eave_m)];
-        let range_m = [
-            levels_m.into_iter().fold(f64::NEG_INFINITY, f64::max),
-            levels_m.into_iter().fold(f64::INFINITY, f64::min),
-        ];
+        let range_m = [roof.eave_m.max(roof.ridge_m), roof.eave_m.min(roof.ridge_m)];
         Some(Self { planes, ground_z: prism.ground_z, beside_m: roof.eave_m, range_m })
     }
 }

@@ -269,7 +269,7 @@ impl<'a> PitchedShape<'a> {
 
     pub fn at(&self, point: Vec2) -> f32 {
         let share = match self.form {
-            RoofForm::Flat | RoofForm::Stepped | RoofForm::Mixed => 0.0,
+            RoofForm::Flat | RoofForm::Stepped => 0.0,
             RoofForm::Gable => match &self.wings {
                 Some(wings) => wings.rise_m(self.axes * point) / self.run_m,
                 None => 1.0 - ((self.axes * point).y - self.middle.y).abs() / self.run_m,

@@ -119,8 +119,8 @@ impl RoofPlanes {
                 Some(Self { planes: gables.iter().flat_map(of_gable).collect(), rule: Rule::Highest })
             }
             (RoofForm::Hip, _) => hip(roof, prism),
-            (RoofForm::Stepped | RoofForm::Mixed, None) => None,
-            (RoofForm::Stepped | RoofForm::Mixed, Some(terrace)) => Some(terraced(roof, &terrace)),
+            (RoofForm::Stepped, None) => None,
+            (RoofForm::Stepped, Some(terrace)) => Some(terraced(roof, &terrace)),
         }
     }
 
@@ -145,22 +145,11 @@ fn is_within(corners: &[DVec2; 4], at: DVec2) -> bool {
     })
 }
 
-/// A step with the inner level or gable first.
+/// A step with the inner level first.
 fn terraced(roof: &Roof, terrace: &Terrace) -> RoofPlanes {
     let corners = terrace.corners.map(DVec2::from_array);
     let (inner_m, outer_m) = if terrace.is_upper { (roof.ridge_m, roof.eave_m) } else { (roof.eave_m, roof.ridge_m) };
-    let mut planes = match terrace.gable {
-        None => vec![RoofPlane::level(inner_m, Some(corners))],
-        Some(gable) => {
-            let along = (corners[1] - corners[0]).normalize_or(DVec2::X);
-            let axes = DMat2::from_cols(along, along.perp()).transpose();
-            let over = Rectangle { axes, low: axes * corners[0], high: axes * corners[2] };
-            let across = usize::from(gable.is_ridge_along_first);
-            let eaves = [over.low[across], over.high[across]];
-            over.gable(eaves, gable.eave_m, roof.ridge_m - gable.eave_m, gable.is_ridge_along_first).to_vec()
-        }
-    };
-    planes.push(RoofPlane::level(outer_m, None));
+    let planes = vec![RoofPlane::level(inner_m, Some(corners)), RoofPlane::level(outer_m, None)];
     RoofPlanes { planes, rule: Rule::First }
 }
 
@@ -223,7 +212,6 @@ mod tests {
             let terrace = Terrace {
                 corners: [corner(0.0, 0.0), corner(0.6, 0.0), corner(0.6, 0.55), corner(0.0, 0.55)],
                 is_upper: true,
-                gable: None,
             };
             let found = Roof {
                 form: RoofForm::Stepped,

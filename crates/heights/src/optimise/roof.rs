@@ -1,6 +1,6 @@
 //! The form of a roof: does another one explain the priors better than a flat one?
 //!
-//! The forms ([`super::pitched`], [`super::stepped`], [`super::mixed`]) are tried after the search has settled, with the neighbours flat as they
+//! The forms ([`super::pitched`], [`super::stepped`]) are tried after the search has settled, with the neighbours flat as they
 //! are; once more, where that is asked for, when heights have settled beside neighbours whose roofs have forms. Of those that are clearly
 //! better than a flat roof, the one that explains most is taken.
 
@@ -11,11 +11,9 @@ use serde::{Deserialize, Serialize};
 
 use super::config::SearchConfig;
 use super::evidence::Evidence;
-use super::mixed;
 use super::pitched::{self, PitchedShape};
 use super::score::Window;
 use super::stepped;
-use super::two_levels::N_MORE;
 use crate::render::PlacedCamera;
 use crate::scene::{HeightBounds, HeightReference, Prism, RoofForm};
 
@@ -46,7 +44,7 @@ pub struct Roof {
     pub ridge_m: f64,
     /// Area mean above the building's ground, metres.
     pub mean_m: f64,
-    /// The plan of a stepped or a mixed one.
+    /// The plan of a stepped one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub terrace: Option<Terrace>,
     /// Direction of a gable's ridge, the main body's where there are wings: east and north, of length one.
@@ -61,18 +59,6 @@ pub struct Terrace {
     pub corners: [[f64; 2]; 4],
     /// Whether it is the upper level.
     pub is_upper: bool,
-    /// Gable that stands over it in place of a flat upper level.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub gable: Option<Gable>,
-}
-
-/// A gable over the rectangle of a mixed roof; its ridge is the roof's.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Gable {
-    /// Eave above the building's ground, metres.
-    pub eave_m: f64,
-    /// Whether its ridge runs along the rectangle's first side.
-    pub is_ridge_along_first: bool,
 }
 
 impl Terrace {
@@ -84,21 +70,6 @@ impl Terrace {
             along.perp_dot(point - corner(i))
         };
         (0..4).map(from_side).fold(f32::INFINITY, f32::min)
-    }
-
-    /// Low and high corner along some axes that the sides lie along, metres.
-    pub(super) fn across(&self, axes: Mat2) -> [Vec2; 2] {
-        let corners = self.corners.map(|corner| axes * DVec2::from_array(corner).as_vec2());
-        [corners.into_iter().fold(Vec2::INFINITY, Vec2::min), corners.into_iter().fold(Vec2::NEG_INFINITY, Vec2::max)]
-    }
-
-    /// Height of a gable over it at a point, 0 at the eave, 1 at the ridge.
-    fn gable_share(&self, gable: Gable, point: Vec2) -> f64 {
-        let corner = |i: usize| DVec2::from_array(self.corners[i]);
-        let (first, second) = (corner(1) - corner(0), corner(3) - corner(0));
-        let across = if gable.is_ridge_along_first { second } else { first };
-        let off = (point.as_dvec2() - corner(0)).dot(across) / across.length_squared();
-        (1.0 - 2.0 * (off - 0.5).abs()).clamp(0.0, 1.0)
     }
 }
 
@@ -136,23 +107,14 @@ impl Roof {
     #[must_use]
     pub fn raised(self, by_m: f64) -> Self {
         let Self { eave_m, ridge_m, mean_m, .. } = self;
-        let gable_raised = |gable: Gable| Gable { eave_m: gable.eave_m + by_m, ..gable };
-        let terrace_raised = |terrace: Terrace| Terrace { gable: terrace.gable.map(gable_raised), ..terrace };
-        let terrace = self.terrace.map(terrace_raised);
-        Self { eave_m: eave_m + by_m, ridge_m: ridge_m + by_m, mean_m: mean_m + by_m, terrace, ..self }
+        Self { eave_m: eave_m + by_m, ridge_m: ridge_m + by_m, mean_m: mean_m + by_m, ..self }
     }
 
-    /// The level of a stepped or mixed roof at a point, above the building's ground, metres; `None` nearer than so much to the
-    /// step.
+    /// The level of a stepped roof at a point, above the building's ground, metres; `None` nearer than so much to the step.
     fn level_m(&self, terrace: &Terrace, point: Vec2, clear_m: f32) -> Option<f64> {
         let depth_m = terrace.depth_m(point);
         let is_upper = (depth_m > 0.0) == terrace.is_upper;
-        let upper_m = || {
-            terrace.gable.map_or(self.ridge_m, |gable| {
-                gable.eave_m + terrace.gable_share(gable, point) * (self.ridge_m - gable.eave_m)
-            })
-        };
-        (depth_m.abs() >= clear_m).then(|| if is_upper { upper_m() } else { self.eave_m })
+        (depth_m.abs() >= clear_m).then_some(if is_upper { self.ridge_m } else { self.eave_m })
     }
 }
 
@@ -190,12 +152,8 @@ pub fn candidates(prism: &Prism, found: &Roof, clear_m: f32, n: usize) -> Vec<(R
         }
     }
     if let Some(terrace) = found.terrace {
-        let variants = mixed::variants(prism, found, &terrace);
-        for roof in std::iter::once(*found).chain(variants) {
-            let plan = roof.terrace.unwrap_or(terrace);
-            let place = |p: &Vec2| Some(at(p, roof.level_m(&plan, *p, clear_m)?));
-            roofs.push((roof, inside.iter().filter_map(place).collect()));
-        }
+        let place = |p: &Vec2| Some(at(p, found.level_m(&terrace, *p, clear_m)?));
+        roofs.push((*found, inside.iter().filter_map(place).collect()));
     }
     roofs
 }
@@ -291,15 +249,13 @@ fn likelihood(scores: &[f64], taken: &[f64]) -> f64 {
 }
 
 /// Share of roofs called so whose form is that, by how many standard errors the form leads: over a flat roof, a flat one over the best
-/// other. Logistic curves through 870 roofs of towns of seeds 31 and 32 (four levels of prior errors, 448 pixels), which have no mixed
-/// roofs to judge those by.
+/// other. Logistic curves through 870 roofs of towns of seeds 31 and 32 (four levels of prior errors, 448 pixels).
 fn certainty(form: RoofForm, lead: f64) -> Option<f64> {
     let [at_none, per_standard_error] = match form {
         RoofForm::Flat => [3.1, 0.56],
         RoofForm::Gable => [-3.7, 2.6],
         RoofForm::Hip => [0.4, 0.04],
         RoofForm::Stepped => [-0.4, 0.8],
-        RoofForm::Mixed => return None,
     };
     lead.is_finite().then(|| 1.0 / (1.0 + (-at_none - per_standard_error * lead).exp()))
 }
@@ -343,10 +299,6 @@ pub(super) fn find<'a>(
     let pitched = pitched::best(prism, forms, height_m, near);
     let is_stepped_tried = forms.contains(&RoofForm::Stepped);
     let stepped = is_stepped_tried.then(|| stepped::best(prism, bounds, height_m, near)).flatten();
-    let mixed = stepped
-        .as_ref()
-        .filter(|_| forms.contains(&RoofForm::Mixed))
-        .and_then(|step| mixed::best(prism, height_m, &step.roof, near));
     let is_rounding = |fit: &RoofFit<'_>| {
         let is_clear_hip = || standard_errors(&fit.scores, &flat) >= HIP_STANDARD_ERRORS;
         let is_over_rounded = || OVER_ROUNDED.is_passed(near, &fit.scores, &pitched::rounded(prism, height_m, near));
@@ -358,23 +310,15 @@ pub(super) fn find<'a>(
         |step: &&RoofFit<'_>| pitched.as_ref().is_none_or(|pitch| step.is_better(near, &step.scores, &pitch.scores));
     let by_step = stepped.as_ref().filter(|fit| is_believed(fit)).filter(is_no_slope);
     let taken = by_step.or(by_pitch);
-    // A gable beside a flat part takes one number more than two levels, and as they stand for it many more than the others.
-    let simple = taken.map_or(&flat, |fit| &fit.scores);
-    let n_more = if taken.is_some_and(|fit| fit.roof.form == RoofForm::Stepped) { 1.0 } else { 1.0 + N_MORE };
-    let is_believed_mixed = |fit: &&RoofFit<'_>| {
-        Margin { n_more, ..fit.margin }.is_passed(near, &fit.scores, simple)
-            && (!is_far(&fit.roof) || is_better_in_whole(fit))
-    };
-    let taken = mixed.as_ref().filter(is_believed_mixed).or(taken);
     let taken_scores = taken.map_or(&flat, |fit| &fit.scores);
     let flat_roof = Roof::flat(f64::from(height_m));
-    let fits = [&pitched, &stepped, &mixed].into_iter().flatten();
+    let fits = [&pitched, &stepped].into_iter().flatten();
     let all = fits.map(|fit| (fit.roof, &fit.scores)).chain([(flat_roof, &flat)]);
     let taken_roof = taken.map_or(flat_roof, |fit| fit.roof);
     let rivals =
         all.filter(|(roof, _)| *roof != taken_roof).map(|(roof, scores)| (roof, likelihood(scores, taken_scores)));
     let rivals = rivals.collect();
-    let others = [&pitched, &stepped, &mixed].into_iter().flatten();
+    let others = [&pitched, &stepped].into_iter().flatten();
     let lead = match taken {
         Some(fit) => standard_errors(&fit.scores, &flat),
         None => others.map(|fit| standard_errors(&flat, &fit.scores)).fold(f64::INFINITY, f64::min),
@@ -456,7 +400,7 @@ mod tests {
             Prism::new(&square, GroundLevel { reference_m: 5.0, lowest_m: 5.0 }, LocalOrigin(glam::DVec3::ZERO));
         let corners = [[4.0, 4.0], [10.0, 4.0], [10.0, 12.0], [4.0, 12.0]];
         for is_upper in [true, false] {
-            let terrace = Some(Terrace { corners, is_upper, gable: None });
+            let terrace = Some(Terrace { corners, is_upper });
             let found =
                 Roof { form: RoofForm::Stepped, eave_m: 12.0, ridge_m: 15.0, mean_m: 12.4, terrace, ridge_along: None };
             let all = candidates(&prism, &found, 1.0, 400);

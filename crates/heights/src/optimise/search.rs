@@ -115,22 +115,20 @@ impl<'a> SweepView<'a> {
         stops: Stops,
         config: &SearchConfig,
     ) -> Self {
-        let calibration = match config.calibrate_on {
-            CalibrationRays::All => Calibration::fit(evidence, &stops, CalibrationRays::All),
+        let fitted = |stops: &Stops, rays: CalibrationRays| {
+            let calibration = Calibration::fit(evidence, stops, rays)?;
+            Some((calibration, belief(unmodelled_share(evidence, stops, calibration))))
+        };
+        let calibrated = match config.calibrate_on {
+            CalibrationRays::All => fitted(&stops, CalibrationRays::All),
             CalibrationRays::Ground => *evidence.on_ground.get_or_init(|| {
                 let roofs = scene.roofs(&vec![START_HEIGHT_M; scene.prisms.len()]);
-                Calibration::fit(evidence, &evidence.profiles.stops(&roofs), CalibrationRays::Ground)
+                fitted(&evidence.profiles.stops(&roofs), CalibrationRays::Ground)
             }),
-            CalibrationRays::None => Some(Calibration::IN_METRES),
+            CalibrationRays::None => Some((Calibration::IN_METRES, 1.0)),
         };
-        let belief = match calibration {
-            Some(calibration) if !calibration.is_in_metres => {
-                let [low, high] = UNMODELLED_SHARES;
-                ((unmodelled_share(evidence, &stops, calibration) - low) / (high - low)).clamp(0.0, 1.0)
-            }
-            _ => 1.0,
-        };
-        Self { placed, evidence, stops, calibration, belief }
+        let (calibration, belief) = calibrated.unzip();
+        Self { placed, evidence, stops, calibration, belief: belief.unwrap_or(1.0) }
     }
 
     /// The score of each height of one building, as a local sweep up to the highest of them has it; empty where the view
@@ -172,6 +170,13 @@ impl<'a> SweepView<'a> {
         let weight = window.agreement_weight(config.local_agreement(), config);
         Some(RoofView { window, weight, placed: self.placed, evidence: self.evidence })
     }
+}
+
+/// How far something that stands out is taken for what the scene does not have, 0 to 1, where so large a share of a photo's open
+/// rays looks at such things.
+fn belief(unmodelled_share: f32) -> f32 {
+    let [low, high] = UNMODELLED_SHARES;
+    ((unmodelled_share - low) / (high - low)).clamp(0.0, 1.0)
 }
 
 /// The views of a sweep by their position in the survey; `None` for those that take no part.

@@ -180,7 +180,7 @@ pub struct SolvedHeight {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub raised_m: Option<f64>,
     /// How certain the form of its roof is, 0 to 1: the share of roofs called so, as clearly, that are. `None` where no form was looked
-    /// for, of mixed roofs, and where the photos took another form.
+    /// for, and where the photos took another form.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub form_certainty: Option<f64>,
     /// How far its footprint is off, where that is told; the roof then stands where the photos show the building.

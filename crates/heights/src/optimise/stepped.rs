@@ -85,7 +85,6 @@ fn roof(plan: &AlignedFootprint<'_>, levels: &TwoLevels, inner_share: f64) -> Ro
         terrace: Some(Terrace {
             corners: plan.corners(levels.low, levels.high),
             is_upper: inner_m > outer_m,
-            gable: None,
         }),
         ridge_along: None,
     }

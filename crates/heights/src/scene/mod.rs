@@ -55,12 +55,10 @@ pub enum RoofForm {
     Hip,
     /// Two flat levels: a penthouse, a terrace, a lower annex.
     Stepped,
-    /// A gable, and beside it a flat part at its own level: a house with an annex.
-    Mixed,
 }
 
 impl RoofForm {
-    /// The name in files: `flat`, `gable`, `hip`, `stepped` or `mixed`.
+    /// The name in files: `flat`, `gable`, `hip` or `stepped`.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -68,7 +66,6 @@ impl RoofForm {
             Self::Gable => "gable",
             Self::Hip => "hip",
             Self::Stepped => "stepped",
-            Self::Mixed => "mixed",
         }
     }
 }

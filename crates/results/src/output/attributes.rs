@@ -10,7 +10,7 @@ use serde_json::{Map as JsonMap, Number, Value};
 use super::facts::SolidFacts;
 use super::{BuildingRecord, HeightReference, RoofForm, Status};
 use sizeup_geo::geodata::features::{Column, ColumnKind};
-use sizeup_heights::optimise::{Gable, Terrace};
+use sizeup_heights::optimise::Terrace;
 
 /// Decimals of a metre in files.
 const DECIMALS_M: i32 = 3;
@@ -112,7 +112,7 @@ pub const FIELDS: [Field; 36] = {
             "roof_form",
             "Roof form",
             Text,
-            "Form of the roof: flat (or no other form seen), gable, hip, stepped or mixed (a gable and a flat part)",
+            "Form of the roof: flat (or no other form seen), gable, hip or stepped (two levels)",
             |b, _| text(b.roof.map(|roof| roof.form.as_str())),
         ),
         Field::new(
@@ -120,7 +120,7 @@ pub const FIELDS: [Field; 36] = {
             "Certainty of the form",
             Real,
             "How certain the form of the roof is, 0 to 1: the share of simulated roofs called so, as clearly, that are; empty where no form was \
-             looked for, of mixed roofs, and where the photos took another form",
+             looked for, and where the photos took another form",
             |b, _| known(b.roof.and_then(|roof| roof.certainty)),
         ),
         Field::new(
@@ -148,8 +148,7 @@ pub const FIELDS: [Field; 36] = {
             "roof_step",
             "Plan of the roof's step",
             Text,
-            "Of a stepped or mixed roof, JSON: the rectangle (`corners`, map coordinates) of the upper level (`is_upper`) or the lower \
-             one; over it a `gable` with its eave above ground level and whether its ridge runs along the first side",
+            "Of a stepped roof, JSON: the rectangle (`corners`, map coordinates) of the upper level (`is_upper`) or the lower one",
             |b, _| b.roof.and_then(|roof| roof.step).map_or(Value::Null, |step| roof_step(step).into()),
         ),
         Field::new(
@@ -157,8 +156,7 @@ pub const FIELDS: [Field; 36] = {
             "Roof level, 70th percentile (m)",
             Real,
             "Level that 70 % of the roof's area lies below, metres in the vertical reference: of flat and stepped roofs, and of \
-             gables and hips over rectangles; empty where the roof's form is not known or does not tell it (mixed roofs, other \
-             footprints)",
+             gables and hips over rectangles; empty where the roof's form is not known or does not tell it (other footprints)",
             |b, _| known(roof_70p_z_m(b)),
         ),
         Field::new(
@@ -325,8 +323,7 @@ pub fn n_storeys(record: &BuildingRecord) -> Option<i64> {
 /// A step as text, rounded as all metres are.
 fn roof_step(step: Terrace) -> String {
     let corners = step.corners.map(|corner| corner.map(round_m));
-    let gable = step.gable.map(|gable| Gable { eave_m: round_m(gable.eave_m), ..gable });
-    serde_json::to_string(&Terrace { corners, gable, ..step }).unwrap_or_default()
+    serde_json::to_string(&Terrace { corners, ..step }).unwrap_or_default()
 }
 
 /// A footprint that fills this share of the smallest rectangle around it is one: the rest moves a percentile of a slope by no
@@ -342,8 +339,7 @@ const RECTANGLE_SHARE: f64 = 0.98;
 /// gable     eave + 0.7 (ridge − eave)                              over a rectangle
 /// hip       eave + t (ridge − eave),  (1 − t)(1 − k t) = 0.3         over a rectangle, k: its shorter side by its longer
 /// ```
-/// Over other footprints the area between eave and ridge depends on where the ridge lies, and on a mixed roof on where its
-/// gable begins, which a record does not tell: `None`.
+/// Over other footprints the area between eave and ridge depends on where the ridge lies: `None`.
 #[must_use]
 pub fn roof_70p_z_m(record: &BuildingRecord) -> Option<f64> {
     const SHARE: f64 = 0.7;
@@ -367,7 +363,7 @@ pub fn roof_70p_z_m(record: &BuildingRecord) -> Option<f64> {
             let t = (1.0 + k - ((1.0 + k).powi(2) - 4.0 * SHARE * k).sqrt()) / (2.0 * k);
             roof.eave_height_m + t * rise_m
         }
-        RoofForm::Stepped | RoofForm::Mixed => return None,
+        RoofForm::Stepped => return None,
     };
     Some(ground_z_m + height_m)
 }
@@ -524,7 +520,7 @@ mod tests {
     fn a_percentile_that_the_record_does_not_tell_is_left_out() {
         let unseen = BuildingRecord { roof: None, ..house(RoofForm::Gable, 6.5) };
         let of_ridge = BuildingRecord { height_reference: HeightReference::Ridge, ..house(RoofForm::Stepped, 9.0) };
-        for record in [unseen, of_ridge, house(RoofForm::Mixed, 6.0), house(RoofForm::Stepped, 12.0)] {
+        for record in [unseen, of_ridge, house(RoofForm::Stepped, 12.0)] {
             assert_eq!(roof_70p_z_m(&record), None, "{record:?}");
         }
         // Over an L the ridge of a gable may lie anywhere.

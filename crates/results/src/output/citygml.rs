@@ -5,7 +5,7 @@
 //! Building or BuildingPart
 //!   gml:name                  the id of the input; gml:id is that in letters that an XML name may have
 //!   gen:…Attribute            all attributes, ours and the user's
-//!   roofType                  code of the roof's form in ALKIS, as AdV's profile has it: 1000 flat, 3100 gable, 3200 hip, 5000 mixed
+//!   roofType                  code of the roof's form in ALKIS, as AdV's profile has it: 1000 flat, 3100 gable, 3200 hip, 5000 combined forms
 //!   measuredHeight            height above ground of the highest place of the roof, metres
 //!   storeysAboveGround        estimated ([`super::attributes`])
 //!   RoofSurface               one for each plane of the roof, with area, slope and aspect as generic attributes
@@ -264,7 +264,7 @@ fn roof_type(form: RoofForm) -> u32 {
         RoofForm::Flat => 1000,
         RoofForm::Gable => 3100,
         RoofForm::Hip => 3200,
-        RoofForm::Stepped | RoofForm::Mixed => 5000,
+        RoofForm::Stepped => 5000,
     }
 }
 

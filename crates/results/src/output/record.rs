@@ -67,7 +67,7 @@ pub struct RoofShape {
     /// How certain the form is, 0 to 1: the share of roofs called so, as clearly, that are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub certainty: Option<f64>,
-    /// Plan of a stepped or mixed roof, its corners in the map frame.
+    /// Plan of a stepped roof, its corners in the map frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<Terrace>,
 }

@@ -325,7 +325,7 @@ impl Roofs<'_> {
                 .max_by(|(_, a), (_, b)| a.total_cmp(b))
                 .map(|(i, _)| i)
         };
-        let forms = [RoofForm::Flat, RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped, RoofForm::Mixed];
+        let forms = [RoofForm::Flat, RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped];
         let fine = forms.into_iter().filter_map(best_of);
         let merit = |(roof, refined): &(Roof, Refined)| {
             refined.score - if roof.form == found.form { 0.0 } else { OTHER_FORM_SCORE }

@@ -64,7 +64,7 @@ pub fn three_d_bag(record: &BuildingRecord, solid: &SolidFacts) -> JsonMap<Strin
     if let Some((roof, ground_m)) = record.roof.zip(record.ground_z_m) {
         let kind = match roof.form {
             RoofForm::Flat => "horizontal",
-            RoofForm::Gable | RoofForm::Hip | RoofForm::Mixed => "slanted",
+            RoofForm::Gable | RoofForm::Hip => "slanted",
             RoofForm::Stepped => "multiple horizontal",
         };
         set("b3_dak_type", json!(kind));
@@ -123,7 +123,7 @@ pub fn extension_schema() -> Value {
             match (&*column.name, column.kind) {
                 ("status", _) => json!({ "enum": Status::ALL.map(Status::as_str) }),
                 ("height_reference", _) => json!({ "enum": ["eave", "mean", "ridge"] }),
-                ("roof_form", _) => json!({ "enum": ["flat", "gable", "hip", "stepped", "mixed"] }),
+                ("roof_form", _) => json!({ "enum": ["flat", "gable", "hip", "stepped"] }),
                 (_, ColumnKind::Text) => json!({ "type": "string" }),
                 (_, ColumnKind::Real) => json!({ "type": "number" }),
                 (_, ColumnKind::Integer | ColumnKind::Flag) => json!({ "type": "integer" }),

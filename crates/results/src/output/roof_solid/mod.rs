@@ -59,11 +59,11 @@ pub fn faces(
     detail: Detail,
 ) -> Option<Vec<GridFace>> {
     let (shape, ground_z_m) = (record.roof?, record.ground_z_m?);
-    let shape = match detail {
-        Detail::Levels => levels_of(shape)?,
-        Detail::Slopes => shape,
+    let has_solid = match detail {
+        Detail::Levels => shape.form == RoofForm::Stepped,
+        Detail::Slopes => shape.form != RoofForm::Flat,
     };
-    if shape.form == RoofForm::Flat {
+    if !has_solid {
         return None;
     }
     let footprint = block.footprint();
@@ -104,18 +104,6 @@ impl<'a> PlannedRoof<'a> {
         let patches = patches::of(&polygon, &planes)?;
         Some(Self { frame, planes, patches })
     }
-}
-
-/// A roof of several levels with each of them flat, a gable at its mean; `None` of other roofs.
-fn levels_of(shape: RoofShape) -> Option<RoofShape> {
-    let step = shape.step?;
-    let upper_m = step.gable.map_or(shape.ridge_height_m, |gable| f64::midpoint(gable.eave_m, shape.ridge_height_m));
-    Some(RoofShape {
-        form: RoofForm::Stepped,
-        ridge_height_m: upper_m,
-        step: Some(Terrace { gable: None, ..step }),
-        ..shape
-    })
 }
 
 /// The roof in a frame that begins at a place of the map, metres.
@@ -170,7 +158,6 @@ mod tests {
     use geo_types::{Point, polygon};
     use proptest::prelude::*;
 
-    use sizeup_heights::optimise::Gable;
 
     use super::super::prism::tests::{is_closed_manifold, six_volumes};
     use super::super::record::tests::record;
@@ -339,27 +326,24 @@ mod tests {
 
     #[test]
     fn flat_roofs_and_those_without_their_plan_stay_blocks() {
-        for form in [RoofForm::Flat, RoofForm::Gable, RoofForm::Stepped, RoofForm::Mixed] {
+        for form in [RoofForm::Flat, RoofForm::Gable, RoofForm::Stepped] {
             assert!(solid(&house(&rectangle(), 0.0, RoofShape::new(form, 4.0, 8.0))).is_none(), "{form:?}");
         }
     }
 
     #[test]
-    fn levels_are_flat_and_a_gable_beside_a_flat_part_is_at_its_mean() {
+    fn levels_are_flat() {
         // An annex of 4 x 8 m, 3 m high, beside a house of 8 x 8 m.
         let corners = [[0.0, 0.0], [8.0, 0.0], [8.0, 8.0], [0.0, 8.0]].map(|[x, y]| [x + MAP_M[0], y + MAP_M[1]]);
-        let gable = Some(Gable { eave_m: 6.0, is_ridge_along_first: true });
-        for (form, gable, upper_m) in [(RoofForm::Stepped, None, 9.0), (RoofForm::Mixed, gable, 7.5)] {
-            let step = Some(Terrace { corners, is_upper: true, gable });
-            let house = house(&rectangle(), 0.0, RoofShape { step, ..RoofShape::new(form, 3.0, 9.0) });
-            let (faces, volume_m3) = solid_of(&house, Detail::Levels).unwrap();
-            let levels: Vec<std::collections::BTreeSet<i64>> = (faces.iter().filter(|f| f.surface == FaceKind::Roof))
-                .map(|face| face.rings.iter().flatten().map(|corner| corner[2]).collect())
-                .collect();
-            assert!(levels.len() == 2 && levels.iter().all(|levels| levels.len() == 1), "{form:?}: {levels:?}");
-            let expected_m3 = 64.0 * (upper_m + 0.3) + 32.0 * 3.3;
-            assert!((volume_m3 - expected_m3).abs() < 0.1, "{form:?}: {volume_m3} {expected_m3}");
-        }
+        let step = Some(Terrace { corners, is_upper: true });
+        let stepped = house(&rectangle(), 0.0, RoofShape { step, ..RoofShape::new(RoofForm::Stepped, 3.0, 9.0) });
+        let (faces, volume_m3) = solid_of(&stepped, Detail::Levels).unwrap();
+        let levels: Vec<std::collections::BTreeSet<i64>> = (faces.iter().filter(|f| f.surface == FaceKind::Roof))
+            .map(|face| face.rings.iter().flatten().map(|corner| corner[2]).collect())
+            .collect();
+        assert!(levels.len() == 2 && levels.iter().all(|levels| levels.len() == 1), "{levels:?}");
+        let expected_m3 = 64.0 * 9.3 + 32.0 * 3.3;
+        assert!((volume_m3 - expected_m3).abs() < 0.1, "{volume_m3} {expected_m3}");
         let gable = RoofShape { ridge_azimuth_deg: Some(0.0), ..RoofShape::new(RoofForm::Gable, 4.0, 8.0) };
         assert!(solid_of(&house(&rectangle(), 0.0, gable), Detail::Levels).is_none(), "one level is a block");
     }
@@ -401,15 +385,14 @@ mod tests {
     /// A house with its roof, and whether its footprint is one rectangle but for a few centimetres.
     fn houses() -> impl Strategy<Value = (BuildingRecord, bool)> {
         let numbers = (0.0..180.0_f64, 2.5..12.0_f64, 0.8..6.0_f64, 0.1..0.9_f64, 0.1..0.9_f64);
-        (footprints(), 0..4_usize, numbers, any::<bool>(), any::<bool>()).prop_map(
+        (footprints(), 0..3_usize, numbers, any::<bool>(), any::<bool>()).prop_map(
             |((footprint, is_rectangle), form, (turn_deg, eave_m, rise_m, across, along), is_along_first, is_upper)| {
                 let (sin, cos) = turn_deg.to_radians().sin_cos();
                 let at = |x: f64, y: f64| [cos * x - sin * y + MAP_M[0], sin * x + cos * y + MAP_M[1]];
                 let (x, y) = (12.0 * across, 9.0 * along);
                 let corners = [at(-1.0, -12.0), at(x, -12.0), at(x, y), at(-1.0, y)];
-                let gable = (form == 3).then_some(Gable { eave_m: eave_m + 0.4, is_ridge_along_first: is_along_first });
-                let step = (form >= 2).then_some(Terrace { corners, is_upper: is_upper || form == 3, gable });
-                let roof_form = [RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped, RoofForm::Mixed][form];
+                let step = (form == 2).then_some(Terrace { corners, is_upper });
+                let roof_form = [RoofForm::Gable, RoofForm::Hip, RoofForm::Stepped][form];
                 let shape = RoofShape {
                     ridge_azimuth_deg: Some(azimuth_deg(if is_along_first { turn_deg } else { turn_deg + 90.0 })),
                     step,
