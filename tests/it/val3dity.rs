@@ -59,10 +59,7 @@ fn roofs(turn_deg: f64, at: impl Fn(f64, f64) -> [f64; 2]) -> [RoofShape; 4] {
         RoofShape { ridge_azimuth_deg: azimuth_deg(turn_deg), ..gable },
         RoofShape { ridge_azimuth_deg: azimuth_deg(turn_deg + 90.0), ..gable },
         RoofShape::new(RoofForm::Hip, 4.0, 6.5),
-        RoofShape {
-            step: Some(Terrace { corners, is_upper: true }),
-            ..RoofShape::new(RoofForm::Stepped, 4.0, 8.0)
-        },
+        RoofShape { step: Some(Terrace { corners, is_upper: true }), ..RoofShape::new(RoofForm::Stepped, 4.0, 8.0) },
     ]
 }
 

@@ -38,8 +38,13 @@
 //! 1. [`scene`]: footprints on the ground ([`terrain`]) become prisms, one unknown height each.
 //! 2. [`views`]: few views that see every building well are selected (`SiZeUp`, "Dynamic view selection").
 //! 3. [`render`]: each view's rays are traced once ([`render::profile`]); what they see is then known for any height.
-//! 4. [`ordinal`], [`optimise`]: the paper's pairwise ordinal loss and its gradient, or a local search over a correlation
-//!    that is blind to scale and shift; then the roof's form, and a standard deviation.
+//! 4. `evidence`: a view's prior is sampled along its rays, brought to metres and cleared of what is not in the scene.
+//! 5. `score`: how well one height of one building explains the prior of one view, blind to scale and shift.
+//! 6. `search`: the best height of each building with all others as they are, in sweeps; footprints of two levels; footprints
+//!    and layers that lie elsewhere. `paper`, in its place: the paper's pairwise ordinal loss ([`ordinal`]) and its gradient.
+//! 7. `roofs`: flat, gabled, hipped or of two levels.
+//! 8. [`optimise`]: these passes in their order, and what is known in the end, with a standard deviation.
+//! 9. [`estimate`]: the whole method: splits footprints, refines roofs by photos ([`photo_consistency`]), doubts.
 //!
 //! # Frames
 //! | frame | axes | unit, type |
@@ -69,18 +74,24 @@
 //! | MAD | median absolute deviation | [`stats::median_and_mad`] |
 
 pub mod camera;
+mod config;
 pub mod estimate;
+mod evidence;
 pub mod frames;
 pub mod ids;
 pub mod optimise;
 pub mod ordinal;
+mod paper;
 pub mod photo_consistency;
 pub mod picture;
 pub mod prior;
 pub mod raster;
 pub mod ray;
 pub mod render;
+mod roofs;
 pub mod scene;
+mod score;
+mod search;
 pub mod seed;
 pub mod simd;
 mod split;

@@ -6,14 +6,14 @@ use std::collections::BTreeMap;
 use rand::Rng as _;
 use rayon::prelude::*;
 
-use super::config::{OptimiseConfig, Preset, Region};
-use super::evidence::Evidence;
-use super::ordinal::ComparedPixels;
-use super::search::{SweepView, standing};
-use super::solution::Solution;
-use super::solve::Problem;
-use super::straighten::GroundFits;
+use crate::config::{OptimiseConfig, Preset, Region};
+use crate::evidence::Evidence;
+use crate::evidence::straighten::GroundFits;
+use crate::optimise::solution::Solution;
+use crate::optimise::solve::Problem;
 use crate::ordinal::DepthOrder;
+use crate::paper::ordinal::ComparedPixels;
+use crate::search::{SweepView, standing};
 use crate::seed;
 
 /// Heights that are scored: evenly spaced from the least to somewhat above the height found.

@@ -17,12 +17,12 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::config::SearchConfig;
-use super::evidence::Evidence;
-use super::search::{Finding, Range, SweepView, SweepViews, find_roofs, sweep};
-use super::shift::{PeakSearch, evenly_around, lead_all_around};
-use super::solve::{Problem, ViewInput};
+use crate::config::SearchConfig;
+use crate::evidence::Evidence;
+use crate::optimise::solve::{Problem, ViewInput};
 use crate::render::profile::{CappedScene, Profiles};
+use crate::search::shift::{PeakSearch, evenly_around, lead_all_around};
+use crate::search::{Finding, Range, SweepView, SweepViews, find_roofs, sweep};
 use crate::stats::jackknife_sigma;
 
 /// Buildings that are asked at most, and views of each.

@@ -2,8 +2,8 @@
 
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use super::evidence::SampledPrior;
-use super::solve::{Problem, ViewInput};
+use crate::evidence::SampledPrior;
+use crate::optimise::solve::{Problem, ViewInput};
 use crate::render::profile::{CappedScene, ProfileRay, Profiles, Sampling};
 
 /// Ray profiles by view, of one scene and one survey.

@@ -2,13 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::disagreeing::DisagreeingView;
-use super::footprint_shift::FootprintShift;
-use super::layer_shift::{LayerShift, LevelOff};
-use super::levels::OtherLevel;
-use super::roof::Roof;
-use super::straighten::PriorShape;
+use crate::evidence::straighten::PriorShape;
+use crate::optimise::layer_shift::{LayerShift, LevelOff};
+use crate::roofs::Roof;
 use crate::scene::{HeightBounds, HeightReference};
+use crate::search::disagreeing::DisagreeingView;
+use crate::search::footprint_shift::FootprintShift;
+use crate::search::levels::OtherLevel;
 
 /// Why a height is doubtful or unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

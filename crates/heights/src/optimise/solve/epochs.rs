@@ -5,17 +5,17 @@ use rand::seq::SliceRandom;
 use rayon::prelude::*;
 
 use super::{SolverState, Solving};
-use crate::optimise::adam::Adam;
-use crate::optimise::config::{Gradient, Loss, OrdinalConfig, StepOn};
-use crate::optimise::gradient::edge_sampled::EdgeInput;
-use crate::optimise::gradient::sum_by_building;
-use crate::optimise::ordinal::{Costs, StepInput, ViewStep, costs, view_step};
-use crate::optimise::peak::reach_m;
-use crate::optimise::regression;
-use crate::optimise::roof::is_clear;
-use crate::optimise::schedule::Step;
+use crate::config::{Gradient, Loss, OrdinalConfig, StepOn};
 use crate::optimise::solution::Reason;
+use crate::paper::adam::Adam;
+use crate::paper::gradient::edge_sampled::EdgeInput;
+use crate::paper::gradient::sum_by_building;
+use crate::paper::ordinal::{Costs, StepInput, ViewStep, costs, view_step};
+use crate::paper::regression;
+use crate::paper::schedule::Step;
+use crate::roofs::is_clear;
 use crate::scene::HeightBounds;
+use crate::score::peak::reach_m;
 use crate::seed;
 use crate::views::Selection;
 

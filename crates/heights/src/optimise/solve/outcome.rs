@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use super::{Kept, SolverState};
-use crate::optimise::config::{CalibrationRays, Preset};
-use crate::optimise::roof::Roof;
-use crate::optimise::search::Finding;
+use crate::config::{CalibrationRays, Preset};
 use crate::optimise::solution::{Doubts, Reason, Solution, SolvedHeight};
+use crate::roofs::Roof;
+use crate::search::Finding;
 
 /// A flat sum of correlations over the tried heights below which the score says nothing.
 const FLAT_SCORE: f64 = 0.02;

@@ -6,16 +6,18 @@ use rayon::prelude::*;
 
 use super::outcome::is_hopeless;
 use super::{Kept, Problem, SolverState, Solving};
-use crate::optimise::config::CalibrationRays;
-use crate::optimise::disagreeing::disagreeing;
-use crate::optimise::empty_space::{self, FoundView, KnownRays};
-use crate::optimise::footprint_shift::{FootprintShift, SettledScene};
-use crate::optimise::formed::FormedRoof;
+use crate::config::CalibrationRays;
+use crate::evidence::bleed;
+use crate::optimise::layer_shift;
 use crate::optimise::rays::Rays;
-use crate::optimise::roof::Judged;
-use crate::optimise::search::{Finding, Range, SweepView, around, find_roofs, standing, sweep};
-use crate::optimise::{bleed, layer_shift, levels};
+use crate::roofs::Judged;
+use crate::roofs::formed::FormedRoof;
 use crate::scene::{Prism, Scene};
+use crate::search::disagreeing::disagreeing;
+use crate::search::empty_space::{self, FoundView, KnownRays};
+use crate::search::footprint_shift::{FootprintShift, SettledScene};
+use crate::search::levels;
+use crate::search::{Finding, Range, SweepView, around, find_roofs, standing, sweep};
 
 /// Heights are kept on a grid of so many steps per metre.
 const STEPS_PER_M: f32 = 1000.0;

@@ -7,8 +7,8 @@ use rand::Rng as _;
 use rayon::prelude::*;
 
 use super::{SolverState, Solving, ViewInput};
-use crate::optimise::config::MAX_VIEWS_PER_BUILDING;
-use crate::optimise::straighten::{GroundFits, PriorShape};
+use crate::config::MAX_VIEWS_PER_BUILDING;
+use crate::evidence::straighten::{GroundFits, PriorShape};
 use crate::seed;
 use crate::views::{CandidateView, Choice, Selection, Visibility, drawn, in_turn, select, select_each, visibility};
 

@@ -158,7 +158,6 @@ mod tests {
     use geo_types::{Point, polygon};
     use proptest::prelude::*;
 
-
     use super::super::prism::tests::{is_closed_manifold, six_volumes};
     use super::super::record::tests::record;
     use super::*;

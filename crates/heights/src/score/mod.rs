@@ -1,0 +1,396 @@
+//! How well one height of one building explains the prior in one view, blind to what the prior does not know.
+//!
+//! ```text
+//! W      rays that can see the building below the greatest height asked for, and those close to them; without those
+//!        that show something else which stands higher than that
+//! p      prior's inverse depth,   v(h) = 1 / R(h)   rendered inverse depth
+//! ρ(h) = corr(p⊥, v⊥)             ⊥: what [1, x, y] explains over W is taken out of both
+//! ```
+//!
+//! Taking out `[1, x, y]` makes ρ blind to the prior's unknown scale, shift and slow drift. What the ray sees without
+//! the building does not depend on `h`, so a height costs one pass over the building's own rays.
+
+pub(crate) mod intervals;
+pub(crate) mod peak;
+pub(crate) mod unmodelled;
+
+use crate::config::SearchConfig;
+use crate::evidence::Evidence;
+use crate::evidence::calibrate::Calibration;
+use crate::evidence::vegetation;
+use crate::ray::Ray;
+use crate::render::profile::Stops;
+use crate::scene::Prism;
+use crate::score::intervals::{Intervals, PackedInterval, RoofIntersection, Sums};
+use crate::stats;
+
+/// Fewer rays than this say nothing about three plane terms and a correlation.
+const MIN_RAYS: usize = 12;
+/// Residual variance, relative to the window's, below which a view is flat and has no vote.
+const FLAT: f64 = 1e-9;
+/// Height from which something that stands out from the ground around a building is not in the scene.
+pub(crate) const UNMODELLED_M: f64 = 3.0;
+/// The same in standard deviations of the prior on open ground.
+const UNMODELLED_SIGMAS: f64 = 3.0;
+
+/// One building in one view.
+#[derive(Debug)]
+pub struct Window {
+    intervals: Intervals,
+    /// All rays of the window: position in the view, image position, scaled inverse depth without the building.
+    rays: Vec<u32>,
+    x: Vec<f32>,
+    y: Vec<f32>,
+    v: Vec<f32>,
+    /// By ray: the prior, and what `[1, x, y]` leaves of it.
+    raw: Vec<f32>,
+    p: Vec<f32>,
+    calibration: Option<Calibration>,
+    /// Height of the building's ground above the camera, metres.
+    ground_above_eye_m: f32,
+    /// Inverse of the Gram matrix of `[1, x, y]`.
+    gram_inverse: [[f64; 3]; 3],
+    p_norm_squared: f64,
+    base: Sums,
+    /// Share of the surroundings that look at something the scene does not have, 0..1.
+    pub unmodelled: f32,
+}
+
+/// Questions that will be asked of a window, and so the rays it takes.
+///
+/// The less it holds besides the building, the less it answers to: a tower behind a pavilion varies more in depth than the
+/// pavilion, and errors of the prior in its relief outweigh all that the pavilion's height changes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scope {
+    /// Heights above the building's ground up to this will be asked for, metres.
+    pub up_to_m: f32,
+    /// Ground around the building's pixels that is taken in, pixels of the working image.
+    pub dilate_px: usize,
+    /// Whether what is green and stands above the ground is no part of the building.
+    pub leave_out_crowns: bool,
+}
+
+impl Window {
+    /// Prepares a building in a view, with the others' roofs where `stops` has them. `ground_z` is the building's own
+    /// ground, local frame. `None` if too few rays have a prior, or the prior is flat here.
+    #[must_use]
+    pub fn new(
+        evidence: &Evidence<'_>,
+        building: u32,
+        ground_z: f32,
+        stops: &Stops,
+        calibration: Option<Calibration>,
+        scope: Scope,
+    ) -> Option<Self> {
+        let profiles = evidence.profiles;
+        let top_z = ground_z + scope.up_to_m;
+        let own_rays = evidence.rays_below(building, top_z);
+        let mut rays = evidence.rays_around(&own_rays, scope.dilate_px);
+        rays.retain(|&r| evidence.nearness[r as usize].is_finite() && profiles.rays[r as usize].ground.is_finite());
+        let unmodelled = match calibration {
+            Some(calibration) if calibration.is_in_metres => unmodelled::leave_out(evidence, &own_rays, &mut rays),
+            Some(calibration) => leave_out_unmodelled(evidence, &own_rays, stops, calibration, &mut rays),
+            None => 0.0,
+        };
+        if let Some(calibration) = calibration.filter(|_| scope.leave_out_crowns) {
+            vegetation::leave_out(evidence, calibration, &mut rays);
+        }
+        // What each ray sees without the building.
+        let mut depths = Vec::with_capacity(rays.len());
+        let mut own: Vec<(usize, u32)> = Vec::with_capacity(own_rays.len());
+        let mut is_own = within(&own_rays);
+        rays.retain(|&r| {
+            let (ray, is_own) = (r as usize, is_own(r));
+            let depth = if is_own { profiles.depth_without(ray, stops, building) } else { stops.depth(ray) };
+            let is_kept = depth >= profiles.rays[ray].ground || profiles.level(ray, depth) < top_z;
+            if is_kept {
+                own.extend(is_own.then_some((depths.len(), r)));
+                depths.push(depth);
+            }
+            is_kept
+        });
+        if rays.len() < MIN_RAYS {
+            return None;
+        }
+        let raw: Vec<f32> = rays.iter().map(|&r| evidence.nearness[r as usize]).collect();
+        let [x, y] = [0, 1].map(|axis| centred_positions(evidence, &rays, axis));
+        let reference = depths.iter().sum::<f32>() / depths.len() as f32;
+        let v: Vec<f32> = depths.iter().map(|d| reference / d - 1.0).collect();
+        let PlaneResiduals { gram_inverse, residual: p, norm_squared: p_norm_squared } =
+            PlaneResiduals::taken_out(&raw, &x, &y)?;
+
+        let mut window = Self {
+            intervals: Intervals::relative_to(reference),
+            rays,
+            x,
+            y,
+            v,
+            raw,
+            p,
+            calibration,
+            ground_above_eye_m: ground_z - profiles.eye_z,
+            gram_inverse,
+            p_norm_squared,
+            base: Sums::default(),
+            unmodelled,
+        };
+        for (at, r) in own {
+            let of_ray = profiles.intervals(r as usize).iter().filter(|c| c.building == building);
+            window.push(at, profiles.rays[r as usize].dz, depths[at], of_ray.map(|c| (c.enter, c.leave)));
+        }
+        window.base = window.sums_without();
+        Some(window)
+    }
+
+    /// Adds the stretches over the building of a ray that rises by `dz` per metre of z-depth, in order, each by where it enters and leaves
+    /// the footprint; without the building the ray ends at `depth`.
+    fn push(&mut self, at: usize, dz: f32, depth: f32, stretches: impl Iterator<Item = (f32, f32)>) {
+        let per_metre = dz.recip();
+        let lifted = self.calibration.map_or(f32::NAN, |c| c.inverse_depth(self.raw[at]));
+        let mut after = f32::NEG_INFINITY;
+        for (enter, leave) in stretches.take_while(|(enter, _)| *enter < depth) {
+            let before = leave.min(depth);
+            self.intervals.push(&PackedInterval {
+                ray: at as u32,
+                roof_at_zero: self.ground_above_eye_m * per_metre,
+                per_metre,
+                after,
+                before,
+                enter,
+                v: self.v[at],
+                p: self.p[at],
+                x: self.x[at],
+                y: self.y[at],
+                lifted: self.intervals.reference() * lifted - 1.0,
+            });
+            after = before;
+        }
+    }
+
+    /// Puts another footprint in the building's place, where the rays end at `depths` without the building.
+    pub(crate) fn put(&mut self, prism: &Prism, rays: &[Ray], depths: &[f32]) {
+        let reference = self.intervals.reference();
+        self.intervals = Intervals::relative_to(reference);
+        self.v.clear();
+        self.v.extend(depths.iter().map(|depth| reference / depth - 1.0));
+        let (circle, mut over) = (prism.circle(), Vec::new());
+        for (at, (ray, &depth)) in rays.iter().zip(depths).enumerate().filter(|(_, (ray, _))| circle.is_crossed(ray)) {
+            over.clear();
+            prism.intervals(ray, &mut over);
+            self.push(at, ray.direction.z, depth, over.iter().map(|stretch| (stretch.enter.max(0.0), stretch.leave)));
+        }
+        self.base = self.sums_without();
+    }
+
+    /// The sums where the building is not there.
+    fn sums_without(&self) -> Sums {
+        let mut base = Sums::default();
+        [base.v, base.vx, base.vy, base.vp, base.vv] = sums(self.rays.len(), |i| {
+            let value = f64::from(self.v[i]);
+            [1.0, f64::from(self.x[i]), f64::from(self.y[i]), f64::from(self.p[i]), value].map(|k| value * k)
+        });
+        base
+    }
+
+    /// Rays that are compared, by their position in the view.
+    pub(crate) fn rays(&self) -> &[u32] {
+        &self.rays
+    }
+
+    /// Rays that are compared.
+    pub(crate) fn n_rays(&self) -> usize {
+        self.rays.len()
+    }
+
+    /// The weight of the agreement here, where it has `weight` among surroundings that the scene knows.
+    pub(crate) fn agreement_weight(&self, weight: f32, config: &SearchConfig) -> f64 {
+        f64::from(weight + config.unmodelled_agreement_weight * self.unmodelled)
+    }
+
+    /// ρ and weighted agreement for one height above ground, metres; ρ is 0 where the view cannot tell.
+    #[must_use]
+    pub fn score(&self, height_m: f32, agreement_weight: f64) -> f64 {
+        let sums = self.intervals.at(height_m);
+        self.correlation(&sums) + agreement_weight * sums.agreement()
+    }
+
+    /// The same for a roof of any form over [`Self::own_stretches`]. `height_m` sets the agreement's tolerance.
+    pub(crate) fn score_where(&self, weight: f64, height_m: f32, form: &impl RoofIntersection) -> f64 {
+        let sums = self.intervals.with(height_m, form);
+        self.correlation(&sums) + weight * sums.agreement()
+    }
+
+    /// The building's own intervals: ray, and z-depths between which it can stop the ray.
+    pub(crate) fn own_stretches(&self) -> impl Iterator<Item = (u32, f32, f32)> + '_ {
+        self.intervals.iter().map(|(ray, enter, before)| (self.rays[ray as usize], enter, before))
+    }
+
+    /// Linear correlation, from what a roof changes.
+    fn correlation(&self, change: &Sums) -> f64 {
+        let q = self.plane_sums(change);
+        let vv = self.base.vv + change.vv;
+        let v_norm_squared = vv - dot(&q, &apply(&self.gram_inverse, &q));
+        if v_norm_squared <= FLAT * vv.max(f64::MIN_POSITIVE) {
+            return 0.0;
+        }
+        (self.base.vp + change.vp) / (v_norm_squared * self.p_norm_squared).sqrt()
+    }
+
+    fn plane_sums(&self, change: &Sums) -> [f64; 3] {
+        [self.base.v + change.v, self.base.vx + change.vx, self.base.vy + change.vy]
+    }
+}
+
+/// Leaves out the rays around a building that look, by the calibrated prior, at something that the scene does not have
+/// there: a building without a footprint, a tree; says which share of those around it that was. What stands out is told
+/// against the open ground close by, so that a slow drift of the prior does no harm.
+fn leave_out_unmodelled(
+    evidence: &Evidence<'_>,
+    own: &[u32],
+    stops: &Stops,
+    calibration: Calibration,
+    rays: &mut Vec<u32>,
+) -> f32 {
+    let mut is_own = within(own);
+    let excess_m = |&ray: &u32| excess_m(evidence, stops, calibration, ray as usize);
+    let around: Vec<f64> = rays.iter().filter(|&&r| !is_own(r)).map(excess_m).collect();
+    let Some(limit) = limit_m(around.clone()) else { return 0.0 };
+    let n_before = rays.len();
+    // The building's own rays are left alone.
+    let (mut is_own, mut of_around) = (within(own), around.iter());
+    rays.retain(|&r| is_own(r) || of_around.next().is_some_and(|excess| *excess <= limit));
+    (n_before - rays.len()) as f32 / around.len() as f32
+}
+
+/// Share of a view's rays beside all footprints that look, by the calibrated prior, at something that the scene does not have.
+pub(crate) fn unmodelled_share(evidence: &Evidence<'_>, stops: &Stops, calibration: Calibration) -> f32 {
+    let profiles = evidence.profiles;
+    let is_open = |&ray: &usize| {
+        let has_both = evidence.nearness[ray].is_finite() && profiles.rays[ray].ground.is_finite();
+        has_both && profiles.intervals(ray).is_empty()
+    };
+    let open = (0..profiles.rays.len()).filter(is_open);
+    let open: Vec<f64> = open.map(|ray| excess_m(evidence, stops, calibration, ray)).collect();
+    let Some(limit) = limit_m(open.clone()) else { return 0.0 };
+    open.iter().filter(|excess| **excess > limit).count() as f32 / open.len() as f32
+}
+
+/// How far above what is rendered the prior lies, metres.
+fn excess_m(evidence: &Evidence<'_>, stops: &Stops, calibration: Calibration, ray: usize) -> f64 {
+    let seen = calibration.inverse_depth(evidence.nearness[ray]).max(f32::MIN_POSITIVE).recip();
+    f64::from((seen - stops.depth(ray)) * evidence.profiles.rays[ray].dz)
+}
+
+/// Excess from which something is not in the scene, among those of open ground; `None` where these are too few.
+fn limit_m(mut open: Vec<f64>) -> Option<f64> {
+    let (level, sigma) = far_side(&mut open)?;
+    Some(level + (UNMODELLED_SIGMAS * sigma).max(UNMODELLED_M))
+}
+
+/// Whether a ray is one of some rays, asked in ascending order.
+pub(crate) fn within(ascending: &[u32]) -> impl FnMut(u32) -> bool + '_ {
+    let mut rest = ascending;
+    move |ray| {
+        while rest.first().is_some_and(|&first| first < ray) {
+            rest = &rest[1..];
+        }
+        rest.first() == Some(&ray)
+    }
+}
+
+/// Several sums over the same `n` terms, side by side, each in their order.
+fn sums<const N: usize>(n: usize, terms: impl Fn(usize) -> [f64; N]) -> [f64; N] {
+    (0..n).fold([0.0; N], |mut sums, i| {
+        sums.iter_mut().zip(terms(i)).for_each(|(sum, term)| *sum += term);
+        sums
+    })
+}
+
+/// Value around which the far side of some residuals gathers, and its standard deviation: what is not modelled is nearer, so only the
+/// near side is heavy. Tukey's biweight from the first third on, with the spread measured below the present value.
+fn far_side(values: &mut [f64]) -> Option<(f64, f64)> {
+    const ROUNDS: usize = 8;
+    const CUT_OFF: [f64; 2] = [3.0; 2];
+    if values.len() < MIN_RAYS {
+        return None;
+    }
+    values.sort_unstable_by(f64::total_cmp);
+    let mut level = stats::quantile_of_sorted(values, 1.0 / 3.0)?;
+    let mut sigma = 0.0;
+    for _ in 0..ROUNDS {
+        let below = &values[..values.partition_point(|v| *v <= level)];
+        sigma = stats::SIGMA_PER_MAD * (level - stats::quantile_of_sorted(below, 0.5)?);
+        if sigma <= 0.0 {
+            break;
+        }
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for value in values.iter() {
+            let weight = stats::biweight(value - level, sigma, CUT_OFF);
+            sum += weight * value;
+            weights += weight;
+        }
+        level = sum / weights;
+    }
+    Some((level, sigma))
+}
+
+/// Image positions of rays along an axis, centred and scaled to about ±1 so that the Gram matrix is well conditioned.
+fn centred_positions(evidence: &Evidence<'_>, rays: &[u32], axis: usize) -> Vec<f32> {
+    let mut values: Vec<f32> =
+        rays.iter().map(|&r| f32::from(evidence.profiles.rays[r as usize].pixel[axis])).collect();
+    let mean = values.iter().sum::<f32>() / values.len() as f32;
+    let extent = values.iter().fold(1.0_f32, |e, v| e.max((v - mean).abs()));
+    for value in &mut values {
+        *value = (*value - mean) / extent;
+    }
+    values
+}
+
+/// Residuals that `[1, x, y]` does not explain of some values.
+struct PlaneResiduals {
+    /// Inverse of the Gram matrix of `[1, x, y]`.
+    gram_inverse: [[f64; 3]; 3],
+    residual: Vec<f32>,
+    norm_squared: f64,
+}
+
+impl PlaneResiduals {
+    /// `None` where all positions are in one line, or nothing is left of the values.
+    fn taken_out(values: &[f32], x: &[f32], y: &[f32]) -> Option<Self> {
+        let n = values.len();
+        let (x, y) = (&x[..n], &y[..n]);
+        let [sum] = sums(n, |i| [f64::from(values[i])]);
+        let mean = sum / n as f64;
+        let [squares] = sums(n, |i| [(f64::from(values[i]) - mean).powi(2)]);
+        let scale = squares.sqrt();
+        let mut centred: Vec<f64> = values.iter().map(|&v| (f64::from(v) - mean) / scale).collect();
+        let c = &centred[..n];
+        let [sx, sy, xx, xy, yy, c_sum, cx, cy] = sums(n, |i| {
+            let (x, y) = (f64::from(x[i]), f64::from(y[i]));
+            [x, y, x * x, x * y, y * y, c[i], c[i] * x, c[i] * y]
+        });
+        let count = n as f64;
+        let gram = glam::DMat3::from_cols_array(&[count, sx, sy, sx, xx, xy, sy, xy, yy]);
+        let is_line = gram.determinant().abs() < 1e-9 * count * count * count;
+        if is_line || !(scale > 0.0 && scale.is_finite()) {
+            return None;
+        }
+        let inverse = gram.inverse();
+        let gram_inverse = [inverse.x_axis, inverse.y_axis, inverse.z_axis].map(|axis| axis.to_array());
+        let plane = apply(&gram_inverse, &[c_sum, cx, cy]);
+        for (value, (&x, &y)) in centred.iter_mut().zip(x.iter().zip(y)) {
+            *value = *value - plane[0] - plane[1] * f64::from(x) - plane[2] * f64::from(y);
+        }
+        let residual: Vec<f32> = centred.iter().map(|&r| r as f32).collect();
+        let [norm_squared] = sums(n, |i| [f64::from(residual[i]).powi(2)]);
+        (norm_squared > FLAT).then_some(Self { gram_inverse, residual, norm_squared })
+    }
+}
+
+fn apply(m: &[[f64; 3]; 3], v: &[f64; 3]) -> [f64; 3] {
+    [dot(&m[0], v), dot(&m[1], v), dot(&m[2], v)]
+}
+
+fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
