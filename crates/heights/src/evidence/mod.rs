@@ -11,6 +11,7 @@ use std::sync::OnceLock;
 use glam::DVec2;
 use rayon::prelude::*;
 
+use crate::config::DILATE_PX;
 use crate::evidence::calibrate::Calibration;
 use crate::evidence::straighten::{GroundFits, PriorShape};
 use crate::prior::{DepthPrior, PriorKind};
@@ -126,6 +127,8 @@ pub struct Evidence<'a> {
     rays_of: Vec<u32>,
     /// Level to which each of them sinks over the footprint, local frame, metres.
     sinks_to: Vec<f32>,
+    /// The rays in and around each of `crossed`, once somebody has asked.
+    around: Vec<OnceLock<Box<[u32]>>>,
     blocks: Blocks,
     /// Ray of each block, or [`NO_RAY`].
     ray_of: Vec<u32>,
@@ -141,6 +144,7 @@ impl<'a> Evidence<'a> {
             ray_of[blocks.at(r)] = ray;
         }
         let FootprintRays { crossed, start, rays_of, sinks_to } = FootprintRays::of(profiles);
+        let around = vec![OnceLock::new(); crossed.len()];
         Self {
             profiles,
             nearness: profiles.rays.iter().map(|ray| prior.nearness[blocks.at(ray)]).collect(),
@@ -153,6 +157,7 @@ impl<'a> Evidence<'a> {
             start,
             rays_of,
             sinks_to,
+            around,
             blocks,
             ray_of,
         }
@@ -172,6 +177,7 @@ impl<'a> Evidence<'a> {
             })
             .collect();
         let FootprintRays { crossed, start, rays_of, sinks_to } = FootprintRays::of(profiles);
+        let around = vec![OnceLock::new(); crossed.len()];
         let green = if self.sees_green() {
             same.iter().map(|same| same.is_some_and(|ray| self.green[ray])).collect()
         } else {
@@ -189,6 +195,7 @@ impl<'a> Evidence<'a> {
             start,
             rays_of,
             sinks_to,
+            around,
             blocks,
             ray_of,
         }
@@ -269,6 +276,12 @@ impl<'a> Evidence<'a> {
     #[must_use]
     pub fn crossed(&self) -> &[u32] {
         &self.crossed
+    }
+
+    /// The rays that cross a building's footprint and those around them, ascending; sought once, as each full sweep asks for them.
+    pub(crate) fn rays_around_building(&self, building: u32) -> &[u32] {
+        let Ok(at) = self.crossed.binary_search(&building) else { return &[] };
+        self.around[at].get_or_init(|| self.rays_around(self.rays_of(building), DILATE_PX).into())
     }
 
     /// Some rays and those within `dilate_px` of one of them, ascending.

@@ -14,7 +14,7 @@ pub(crate) mod intervals;
 pub(crate) mod peak;
 pub(crate) mod unmodelled;
 
-use crate::config::SearchConfig;
+use crate::config::{LOCAL_DILATE_PX, SearchConfig};
 use crate::evidence::Evidence;
 use crate::evidence::calibrate::Calibration;
 use crate::evidence::vegetation;
@@ -62,10 +62,8 @@ pub struct Window {
 /// pavilion, and errors of the prior in its relief outweigh all that the pavilion's height changes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scope {
-    /// Heights above the building's ground up to this will be asked for, metres.
-    pub up_to_m: f32,
-    /// Ground around the building's pixels that is taken in, pixels of the working image.
-    pub dilate_px: usize,
+    /// Heights above the building's ground up to this will be asked for, metres; `None`: any height.
+    pub up_to_m: Option<f32>,
     /// Whether what is green and stands above the ground is no part of the building.
     pub leave_out_crowns: bool,
 }
@@ -83,9 +81,12 @@ impl Window {
         scope: Scope,
     ) -> Option<Self> {
         let profiles = evidence.profiles;
-        let top_z = ground_z + scope.up_to_m;
+        let top_z = scope.up_to_m.map_or(f32::INFINITY, |up_to_m| ground_z + up_to_m);
         let own_rays = evidence.rays_below(building, top_z);
-        let mut rays = evidence.rays_around(&own_rays, scope.dilate_px);
+        let mut rays = match scope.up_to_m {
+            None => evidence.rays_around_building(building).to_vec(),
+            Some(_) => evidence.rays_around(&own_rays, LOCAL_DILATE_PX),
+        };
         rays.retain(|&r| evidence.nearness[r as usize].is_finite() && profiles.rays[r as usize].ground.is_finite());
         let unmodelled = match calibration {
             Some(calibration) if calibration.is_in_metres => unmodelled::leave_out(evidence, &own_rays, &mut rays),

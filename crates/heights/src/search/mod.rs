@@ -17,8 +17,7 @@ pub(crate) mod shift;
 use rayon::prelude::*;
 
 use crate::config::{
-    CalibrationRays, DILATE_PX, LOCAL_DILATE_PX, LOCAL_HALF_WIDTH_M, LOCAL_HALF_WIDTH_SHARE, N_COARSE, N_FINE,
-    START_HEIGHT_M, SearchConfig,
+    CalibrationRays, LOCAL_HALF_WIDTH_M, LOCAL_HALF_WIDTH_SHARE, N_COARSE, N_FINE, START_HEIGHT_M, SearchConfig,
 };
 use crate::evidence::Evidence;
 use crate::evidence::calibrate::Calibration;
@@ -80,12 +79,12 @@ pub struct Finding {
 impl Scope {
     /// All heights, with all that they could hide.
     pub(crate) fn whole() -> Self {
-        Self { up_to_m: f32::INFINITY, dilate_px: DILATE_PX, leave_out_crowns: false }
+        Self { up_to_m: None, leave_out_crowns: false }
     }
 
     /// Heights up to one not far above the present.
     pub(crate) fn near(up_to_m: f32) -> Self {
-        Self { up_to_m, dilate_px: LOCAL_DILATE_PX, leave_out_crowns: false }
+        Self { up_to_m: Some(up_to_m), leave_out_crowns: false }
     }
 
     /// Without the crowns of trees, where these stand over a building.
