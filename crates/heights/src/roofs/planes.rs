@@ -233,7 +233,7 @@ mod tests {
                     assert!((height_m - f64::from(place.z)).abs() < 0.01, "{roof:?} at {place}: {height_m}");
                 }
             }
-            let n_forms = if corners.len() == 4 { 5 } else { 4 };
+            let n_forms = if corners.len() == 4 { 4 } else { 3 };
             assert_eq!(forms.len(), n_forms, "{forms:?}");
         }
     }

@@ -49,26 +49,28 @@ impl SolverState<'_> {
             self.sweep(is_asked, Range::Full, n_selected);
         }
         n_selected = self.replace_disagreeing(n_selected);
-        if config.measure_shift {
-            self.layer_shift =
-                layer_shift::measure(self.problem, &self.evidence, &self.views_of, &self.heights_m, config);
-            if self.layer_shift.is_some() {
-                return; // to be solved again with photos and footprints in one place
-            }
-            // Depth in metres shows the ground itself.
-            if config.calibrate_on != CalibrationRays::None {
-                self.level_off =
-                    layer_shift::measure_level(self.problem, &self.evidence, &self.views_of, &self.heights_m, config);
-            }
-        }
         if config.split_levels {
             let views = self.sweep_views();
             let is_known = |b: usize| self.problem.kept(b) != Kept::Nothing;
             self.other_levels =
                 levels::find(self.problem.scene, &views, &self.views_of, &self.heights_m, &is_known, config);
-            if !self.other_levels.is_empty() {
-                return; // to be solved again with these footprints split
+        }
+        if config.measure_shift {
+            // A block over two levels fits the photos best where it stands over the higher one.
+            let mut views_of = self.views_of.clone();
+            self.other_levels.iter().for_each(|other| views_of[other.building].clear());
+            let (evidence, heights_m) = (&self.evidence, &self.heights_m);
+            self.layer_shift = layer_shift::measure(self.problem, evidence, &views_of, heights_m, config);
+            if self.layer_shift.is_some() {
+                return; // to be solved again with photos and footprints in one place
             }
+            // Depth in metres shows the ground itself.
+            if config.calibrate_on != CalibrationRays::None {
+                self.level_off = layer_shift::measure_level(self.problem, evidence, &views_of, heights_m, config);
+            }
+        }
+        if !self.other_levels.is_empty() {
+            return; // to be solved again with these footprints split
         }
         if config.correct_edge_bleeding {
             self.correct_edge_bleeding();
