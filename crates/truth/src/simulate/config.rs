@@ -89,6 +89,9 @@ pub struct TownConfig {
     pub kind: TownKind,
     /// Exactly so many buildings, 1 to 20000.
     pub n_buildings: usize,
+    /// Mean height of the buildings, metres: all walls are as many times higher or lower as that takes. Unset: as the kind of town has
+    /// it.
+    pub mean_height_m: Option<f64>,
     /// Trees per building (mean), 0 or more.
     pub trees_per_building: f64,
     /// Share of the trees that stand at a wall, their crowns 5 to 14 m high against it and over its roof, 0 to 1.
@@ -118,6 +121,7 @@ impl Default for TownConfig {
         Self {
             kind: TownKind::District,
             n_buildings: 64,
+            mean_height_m: None,
             trees_per_building: 4.0,
             trees_at_walls: 0.0,
             cars_per_building: 2.5,

@@ -54,6 +54,15 @@ pub struct BuildingForm {
     pub roof: RoofKind,
 }
 
+impl BuildingForm {
+    /// Makes all walls higher by so many times the eave's height; the roof stays as it is.
+    pub fn lift(&mut self, by: f64) {
+        let z = self.faces.iter().flat_map(|face| &face.rings).flatten().map(|corner| corner.z);
+        let lift_m = by * z.fold(f64::INFINITY, f64::min);
+        self.faces.iter_mut().flat_map(|face| &mut face.rings).flatten().for_each(|corner| corner.z += lift_m);
+    }
+}
+
 /// A rectangle along the axes of a form's plane, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rect {

@@ -66,6 +66,7 @@ impl SimulateConfig {
         let n = self.town.n_buildings;
         check((1..=20_000).contains(&n), "town.n_buildings", n.to_string(), "1 to 20000")?;
         for (setting, value, low, high, expected) in [
+            ("town.mean_height_m", self.town.mean_height_m.unwrap_or(10.0), 4.0, 200.0, "4 to 200 m"),
             ("town.trees_per_building", self.town.trees_per_building, 0.0, 1000.0, "0 to 1000"),
             ("town.cars_per_building", self.town.cars_per_building, 0.0, 1000.0, "0 to 1000"),
             ("town.trees_at_walls", self.town.trees_at_walls, 0.0, 1.0, "0 to 1"),

@@ -39,18 +39,24 @@ pub(super) fn build(config: &SimulateConfig) -> Result<SimulatedTown, SimulateEr
     let n_blocks = (config.town.n_buildings as f64).sqrt().ceil() as usize + 2;
     let mut rng = seed::stream(config.seed, "streets", &[]);
     let mut streets = StreetPlan::new(placement, n_blocks, along, across, &mut rng);
-    let lots = lots(config, &mut streets);
+    let mut lots = lots(config, &mut streets);
     let corners = lots.iter().flat_map(|(form, at, _)| form.footprint[0].iter().map(|&p| at.point(p)));
     let extent = MapRect::of(corners).ok_or(SimulateError::NoBuildings { wanted: config.town.n_buildings })?;
     let terrain = relief::hills(&config.terrain, &extent.grown(config.terrain.margin_m), config.seed)?;
     let digits = lots.len().to_string().len().max(3);
-    let buildings = lots
-        .iter()
-        .enumerate()
-        .map(|(i, (form, at, kind))| {
-            SimulatedBuilding::raise(form, at, &terrain, *kind, BuildingId(format!("b{:0digits$}", i + 1)))
-        })
-        .collect();
+    let raised = |lots: &[Lot]| -> Vec<SimulatedBuilding> {
+        let id = |i: usize| BuildingId(format!("b{:0digits$}", i + 1));
+        let raise = |(i, (form, at, kind)): (usize, &Lot)| SimulatedBuilding::raise(form, at, &terrain, *kind, id(i));
+        lots.iter().enumerate().map(raise).collect()
+    };
+    let mut buildings = raised(&lots);
+    if let Some(wanted_m) = config.town.mean_height_m {
+        let sum = |height_m: fn(&SimulatedBuilding) -> f64| buildings.iter().map(height_m).sum::<f64>();
+        let n = buildings.len() as f64;
+        let by = (n * wanted_m - sum(|b| b.height_m)) / sum(|b| b.eave_m);
+        lots.iter_mut().for_each(|(form, ..)| form.lift(by));
+        buildings = raised(&lots);
+    }
     Ok(SimulatedTown { buildings, terrain, streets: Some(streets), extent, crs: config.crs.clone() })
 }
 
@@ -113,6 +119,21 @@ mod tests {
                     assert!(common < 1e-3, "{kind:?} {} {} share {common} m²", a.id, b.id);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_town_is_as_high_as_it_is_asked_to_be_with_its_roofs_as_steep() {
+        let (low, high) = (town(TownKind::District, 40), {
+            let mut config = SimulateConfig::default();
+            (config.town.kind, config.town.n_buildings) = (TownKind::District, 40);
+            config.town.mean_height_m = Some(50.0);
+            build(&config).unwrap()
+        });
+        let mean_m = high.buildings.iter().map(|b| b.height_m).sum::<f64>() / 40.0;
+        assert!((mean_m - 50.0).abs() < 1e-6, "{mean_m} m");
+        for (low, high) in low.buildings.iter().zip(&high.buildings) {
+            assert!((high.ridge_m - high.eave_m - low.ridge_m + low.eave_m).abs() < 1e-6, "{}", low.id);
         }
     }
 
