@@ -356,7 +356,6 @@ mod tests {
     use super::*;
     use sizeup_heights::camera::Camera;
     use sizeup_heights::frames::Rigid;
-    use sizeup_results::output::{HeightReference, Status};
 
     /// Where the town lies, and its ground.
     const AT: [f64; 3] = [565_000.0, 5_934_000.0, 20.0];
@@ -392,25 +391,7 @@ mod tests {
         let [x, y] = [AT[0], AT[1]];
         let footprint = polygon![(x: x - side_m / 2.0, y: y - 10.0), (x: x + side_m / 2.0, y: y - 10.0),
             (x: x + side_m / 2.0, y: y + 10.0), (x: x - side_m / 2.0, y: y + 10.0)];
-        vec![BuildingRecord {
-            id: "a".to_owned(),
-            part_of: None,
-            footprint: Some(footprint),
-            ground_z_m: Some(AT[2]),
-            base_z_m: Some(AT[2]),
-            height_m: Some(9.0),
-            height_sigma_m: None,
-            roof_sigma_m: None,
-            ground_sigma_m: None,
-            party_wall_m2: None,
-            footprint_shift: None,
-            height_reference: HeightReference::Mean,
-            roof: None,
-            status: Status::Measured,
-            reasons: Vec::new(),
-            views: Vec::new(),
-            attributes: serde_json::Map::new(),
-        }]
+        vec![BuildingRecord::measured("a", footprint, AT[2], 9.0)]
     }
 
     fn check_colours(backdrop: &Backdrop, within: u8) -> usize {

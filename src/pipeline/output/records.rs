@@ -97,23 +97,11 @@ fn found(
             }
         });
     let without = footprints.layer.refused.iter().map(|refused| BuildingRecord {
-        id: refused.id.0.clone(),
         part_of: refused.part_of.as_ref().map(|id| id.0.clone()),
-        footprint: None,
-        ground_z_m: None,
-        base_z_m: None,
-        height_m: None,
-        height_sigma_m: None,
-        roof_sigma_m: None,
-        ground_sigma_m: None,
-        party_wall_m2: None,
-        footprint_shift: None,
         height_reference,
-        roof: None,
-        status: Status::Refused,
         reasons: vec![refused.reason.clone()],
-        views: Vec::new(),
         attributes: refused.attributes.clone(),
+        ..BuildingRecord::without_height(&*refused.id.0, Status::Refused)
     });
     with_footprint.chain(without).collect()
 }

@@ -133,12 +133,24 @@ impl BuildingRecord {
     #[must_use]
     pub fn measured(id: impl Into<String>, footprint: Polygon<f64>, ground_z_m: f64, height_m: f64) -> Self {
         Self {
-            id: id.into(),
-            part_of: None,
             footprint: Some(footprint),
             ground_z_m: Some(ground_z_m),
             base_z_m: Some(ground_z_m),
             height_m: Some(height_m),
+            ..Self::without_height(id, Status::Measured)
+        }
+    }
+
+    /// A building of which nothing is known but its status.
+    #[must_use]
+    pub fn without_height(id: impl Into<String>, status: Status) -> Self {
+        Self {
+            id: id.into(),
+            part_of: None,
+            footprint: None,
+            ground_z_m: None,
+            base_z_m: None,
+            height_m: None,
             height_sigma_m: None,
             roof_sigma_m: None,
             ground_sigma_m: None,
@@ -146,7 +158,7 @@ impl BuildingRecord {
             roof: None,
             party_wall_m2: None,
             footprint_shift: None,
-            status: Status::Measured,
+            status,
             reasons: Vec::new(),
             views: Vec::new(),
             attributes: JsonMap::new(),

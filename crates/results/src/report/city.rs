@@ -202,25 +202,8 @@ mod tests {
     #[test]
     fn a_level_ground_is_four_nodes_that_hold_every_footprint() {
         let footprint = polygon![(x: 0.0, y: 0.0), (x: 60.0, y: 0.0), (x: 60.0, y: 20.0), (x: 0.0, y: 20.0)];
-        let record = BuildingRecord {
-            id: "a".to_owned(),
-            part_of: None,
-            footprint: Some(footprint),
-            ground_z_m: None,
-            base_z_m: None,
-            height_m: None,
-            height_sigma_m: None,
-            roof_sigma_m: None,
-            ground_sigma_m: None,
-            party_wall_m2: None,
-            footprint_shift: None,
-            height_reference: crate::output::HeightReference::Mean,
-            roof: None,
-            status: crate::output::Status::Unknown,
-            reasons: Vec::new(),
-            views: Vec::new(),
-            attributes: JsonMap::new(),
-        };
+        let unknown = BuildingRecord::without_height("a", crate::output::Status::Unknown);
+        let record = BuildingRecord { footprint: Some(footprint), ..unknown };
         let ground = GroundHeights::around(&[record], &Terrain::Constant(7.0)).unwrap();
         assert_eq!((ground.columns, ground.z), (2, vec![Some(7.0); 4]));
         assert!(ground.west <= 0.0 && ground.south <= 0.0 && ground.west + ground.step >= 60.0);
