@@ -3,6 +3,7 @@
 //! | suite | scenes | table |
 //! |---|---|---|
 //! | [`accuracy`] | seeds × towns, simulated and real, × levels of prior errors | `accuracy.md` |
+//! | [`passes`] | simulated towns and configurations of others, one pass of the solver changed at a time | `passes.md` |
 //! | [`textures`] | simulated towns and real flights, every fifth photo left out | `textures.md` |
 //! | [`paper`] | as the paper's seven scenes, small scenes, a flight without a grid; [`studies`] | `paper.md`, `studies.md` |
 //!
@@ -15,6 +16,7 @@ pub mod accuracy;
 mod bodies;
 mod method;
 pub mod paper;
+pub mod passes;
 mod programs;
 mod real;
 mod reliability;
@@ -115,6 +117,14 @@ pub enum BenchmarkError {
         scene: String,
         /// The problem with the picture.
         reason: String,
+    },
+    /// A change that the suite of passes does not have.
+    #[error("no change {name:?} of a pass\nhint: the changes are {known}")]
+    UnknownChange {
+        /// Name that was asked for.
+        name: String,
+        /// Names of the changes.
+        known: String,
     },
     /// A scene that no suite has.
     #[error("unknown scene {name:?}\nhint: the scenes are {known}")]

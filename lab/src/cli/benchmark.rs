@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 
 use crate::benchmark::accuracy::{self, AccuracyConfig};
 use crate::benchmark::paper::{self, PaperConfig};
+use crate::benchmark::passes::{self, PassesConfig};
 use crate::benchmark::textures::{self, TexturesConfig};
 use crate::benchmark::{Again, BenchmarkError, Method, Programs, SuitePlan};
 use sizeup::cli::{Call, Failure, Global, Ui, print, print_json};
@@ -20,6 +21,7 @@ use sizeup_results::output::sha256_hex;
   sizeup-lab benchmark paper --output bench --set scenes=[\"res-1\"]
   sizeup-lab benchmark accuracy --output bench --keep-scenes --again robust --set seeds=[1,2] --set levels=[\"mid\"]
   sizeup-lab benchmark accuracy --output bench --again outdated
+  sizeup-lab benchmark passes --output bench --set 'real=[\"flight/sizeup.toml\"]'
   sizeup-lab benchmark textures --output bench --set 'real=[\"flight/sizeup.toml\"]'
   sizeup-lab benchmark accuracy --output bench --set 'real=[{name=\"west\",cityjson={path=\"city.json\",max_buildings=80}}]'
 
@@ -52,6 +54,8 @@ pub enum Suite {
     Accuracy,
     /// Scenes with the paper's counts, every method and baseline, tables in the paper's layout.
     Paper,
+    /// Heights and processor time with one pass of the solver changed at a time.
+    Passes,
     /// Textures against photos that they were not made from.
     Textures,
 }
@@ -81,6 +85,13 @@ pub(super) fn run(args: &BenchmarkArgs, global: &Global) -> Result<u8, Failure> 
             let tables = tables.map_err(|e| failure(&e))?;
             tell_programs(&ui, &tables.programs);
             if global.json { print_json(&tables)? } else { print(&tables.to_markdown())? }
+        }
+        Suite::Passes => {
+            let config = if args.small { PassesConfig::small() } else { PassesConfig::default() };
+            let table = passes::run(&with_assignments(&config, args)?, &plan, &tell);
+            ui.finish();
+            let table = table.map_err(|e| failure(&e))?;
+            if global.json { print_json(&table)? } else { print(&table.to_markdown())? }
         }
         Suite::Textures => {
             let config = if args.small { TexturesConfig::small() } else { TexturesConfig::default() };
@@ -146,7 +157,14 @@ fn tell_programs(ui: &Ui, programs: &Programs) {
 
 fn failure(error: &BenchmarkError) -> Failure {
     Failure::new(
-        if matches!(error, BenchmarkError::Empty { .. } | BenchmarkError::UnknownScene { .. }) { 2 } else { 4 },
+        if matches!(
+            error,
+            BenchmarkError::Empty { .. } | BenchmarkError::UnknownChange { .. } | BenchmarkError::UnknownScene { .. }
+        ) {
+            2
+        } else {
+            4
+        },
         error,
     )
 }

@@ -209,3 +209,25 @@ fn textures_are_nearer_to_photos_left_out_than_the_best_photo_of_each_surface() 
     assert!(folder.path().join("pictures/district-agreeing.png").is_file());
     assert!(!folder.path().join("scenes/district").exists(), "scenes are not kept unless asked for");
 }
+
+#[test]
+fn a_pass_that_is_left_out_is_a_row_with_other_heights() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |changes: &[&str]| -> Outcome {
+        let mut command = lab();
+        command.args(["benchmark", "passes", "--small", "--json", "--output"]).arg(folder.path());
+        command.args(changes).output().unwrap().into()
+    };
+    let outcome = run(&[]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let table: Value = serde_json::from_str(&outcome.stdout).unwrap();
+    let rows = table["rows"].as_array().unwrap();
+    let names: Vec<&str> = rows.iter().map(|row| row["change"].as_str().unwrap()).collect();
+    assert_eq!(names, ["as it is", "roof_forms = []"]);
+    let mean_m = |i: usize| rows[i]["error_mean_m"].as_f64().unwrap();
+    // A flat roof over a gable stands a third of the way up, not half.
+    assert!(mean_m(0) < mean_m(1) && mean_m(0) < 1.0, "{table:#}");
+    let unknown = run(&["--set", "changes=[\"no rays\"]"]);
+    assert_eq!(unknown.code, 2, "{}", unknown.stderr);
+    assert!(unknown.stderr.contains("split_levels = false"), "{}", unknown.stderr);
+}
