@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::run::report_summary;
-use super::{Failure, Global, Ui, print, print_json};
+use super::{EXIT_FAILED, Failure, Global, Ui, print, print_json};
 use crate::config::RunConfig;
 use crate::pipeline::{self, RunOptions, Stage};
 use sizeup_truth::evaluate::read::{TruthOptions, read_results, read_truth};
@@ -68,13 +68,17 @@ fn first_photo(folder: &Path) -> Option<PathBuf> {
 /// Simulates a scene with a progress bar.
 ///
 /// # Errors
-/// [`Failure`], as a usage error where a setting is at fault.
+/// [`Failure`], as a usage error where a setting is at fault, and as bad input where a file of real buildings is.
 pub fn simulate_scene(config: &SimulateConfig, output: &Path, ui: &Ui) -> Result<SimulationSummary, Failure> {
     let summary = simulate(config, output, &|done, total| ui.advance("simulating", done, total));
     ui.finish();
     summary.map_err(|e| {
-        let is_usage =
-            matches!(e, SimulateError::Setting { .. } | SimulateError::UnknownPreset { .. } | SimulateError::Crs(_));
-        Failure::new(if is_usage { 2 } else { 4 }, &e)
+        let exit_code = match &e {
+            SimulateError::Setting { .. } | SimulateError::UnknownPreset { .. } | SimulateError::Crs(_) => 2,
+            SimulateError::CityJson { .. } => 3,
+            SimulateError::File(file) if file.is_of_input() => 3,
+            _ => EXIT_FAILED,
+        };
+        Failure::new(exit_code, &e)
     })
 }

@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 
 use super::flags::config_file;
 use super::tiles::{CutArgs, PLAN, TilesetArgs, TrustArgs, config_of, failed, merge_city, say_plan};
-use super::{Call, EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
+use super::{Call, EXIT_FAILED, EXIT_FAILED_ITEMS, Failure, Global, Ui, counted, print_json};
 use crate::config::RunConfig;
 use crate::pipeline::{self, PipelineError, RunOptions, RunSummary, Stage};
 use crate::tiles::{
@@ -160,9 +160,11 @@ fn run_tiles(ui: &Ui, manifest: &Manifest, args: &RunArgs, global: &Global) -> R
     }
     if !failed_tiles.is_empty() {
         let tiles = counted(failed_tiles.len(), "tile");
+        let exit_code = failed_tiles.iter().map(TileOutcome::failure_code).max().unwrap_or(EXIT_FAILED);
+        let first = if exit_code == EXIT_FAILED { "" } else { "mend the settings or the input that the tiles name; " };
         return Err(Failure::from_text(
-            4,
-            format!("{tiles} failed\nhint: the same command again runs only what failed"),
+            exit_code,
+            format!("{tiles} failed\nhint: {first}the same command again runs only what failed"),
         ));
     }
     let options = MergeOptions { missing: Missing::Refuse, tileset: None, trust: args.trust.trust() };

@@ -36,7 +36,8 @@ pub struct ViewArgs {
 
 pub(super) fn run(args: &ViewArgs, global: &Global) -> Result<u8, Failure> {
     let code = |e: &ServeError| match e {
-        ServeError::Port { .. } | ServeError::Tiles(_) => 4,
+        ServeError::Port { .. } => 4,
+        ServeError::Tiles(error) => error.exit_code(),
         _ => 3,
     };
     if let (Some(photo), Some(output)) = (&args.photo.photo, &args.photo.output) {

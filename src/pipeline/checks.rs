@@ -9,6 +9,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde_json::{Map as JsonMap, Value};
 
+use super::scene::extent;
 use super::settings::{DepthKind, HeightSettings, OutputSettings, PlaceSettings, SceneSettings};
 use super::{FootprintStage, PipelineError};
 use sizeup_footprints::{Footprint, FootprintLayer, attribute, open_layer};
@@ -114,7 +115,7 @@ fn check_overlap(
     if targets.is_empty() || targets.iter().any(is_seen) {
         Ok(())
     } else {
-        Err(no_overlap(places, survey, &footprints.layer))
+        Err(no_overlap(places, survey, Places::of_layer(places, survey, &footprints.layer)))
     }
 }
 
@@ -130,7 +131,7 @@ pub(super) fn unseen(
     let targets = targets(footprints);
     let n_unseen = targets.par_iter().filter(|target| !is_in_a_photo(survey, **target)).count();
     if n_unseen == targets.len() && n_unseen > 0 {
-        return Err(no_overlap(places, survey, &footprints.layer));
+        return Err(no_overlap(places, survey, Places::of_layer(places, survey, &footprints.layer)));
     }
     let message = format!("{n_unseen} of {} footprints are in no photo", targets.len());
     let subject = Subject::Input("footprints".to_owned());
@@ -253,14 +254,22 @@ struct Places {
 }
 
 impl Places {
-    fn of(declared: &PlaceSettings<'_>, survey: &Survey, layer: &FootprintLayer) -> Option<Self> {
+    fn of_layer(declared: &PlaceSettings<'_>, survey: &Survey, layer: &FootprintLayer) -> Option<Self> {
+        let polygons = || layer.footprints.iter().map(|footprint| &footprint.polygon);
+        let middles = polygons().filter_map(|polygon| Some(polygon.centroid()?.x_y()));
+        Self::new(declared, survey, extent(polygons())?, middles)
+    }
+
+    /// From the box around all footprints, and the middle of each.
+    fn new(
+        declared: &PlaceSettings<'_>,
+        survey: &Survey,
+        footprints: MapBox,
+        middles: impl Iterator<Item = (f64, f64)>,
+    ) -> Option<Self> {
         let centres = || survey.views.iter().map(View::centre);
         let cameras = MapBox::around(centres().map(|centre| (centre.x, centre.y)))?;
-        let polygons = || layer.footprints.iter().map(|footprint| &footprint.polygon);
-        let corners = polygons().filter_map(Polygon::bounding_rect).flat_map(|rect| [rect.min(), rect.max()]);
-        let footprints = MapBox::around(corners.map(|corner| (corner.x, corner.y)))?;
-        let gap = |polygon: &Polygon<f64>| Some(cameras.distance_m(polygon.centroid()?.x_y()));
-        let gap_m = polygons().filter_map(gap).reduce(f64::min)?;
+        let gap_m = middles.map(|middle| cameras.distance_m(middle)).reduce(f64::min)?;
         let lowest_m = declared.level_m.map_or(-BELOW_ZERO_M, |level_m| level_m - BELOW_LEVEL_M);
         let highest_m = centres().map(|centre| centre.z).fold(lowest_m, f64::max);
         let sight_m = (highest_m - lowest_m) * MAX_OFF_NADIR_DEG.to_radians().tan();
@@ -278,12 +287,36 @@ pub(super) fn check_apart(
     layer: &FootprintLayer,
 ) -> Result<(), PipelineError> {
     check_lengths(layer)?;
-    let is_apart = Places::of(declared, survey, layer).is_some_and(|places| places.gap_m > places.sight_m);
-    if is_apart { Err(no_overlap(declared, survey, layer)) } else { Ok(()) }
+    near_enough(declared, survey, Places::of_layer(declared, survey, layer))
 }
 
-/// A corner that is far away makes a footprint that no memory is enough for.
-fn check_lengths(layer: &FootprintLayer) -> Result<(), PipelineError> {
+/// Checks, before a city is cut into parts, that its views measure heights, and that some footprint is as near as the cameras can see.
+///
+/// # Errors
+/// [`PipelineError`], as a run in one piece.
+pub fn check_city(
+    settings: &SceneSettings<'_>,
+    survey: &Survey,
+    footprints: MapBox,
+    middles: &[(f64, f64)],
+) -> Result<(), PipelineError> {
+    let places = &settings.places;
+    near_enough(places, survey, Places::new(places, survey, footprints, middles.iter().copied()))?;
+    check_kind(settings.depth, survey)
+}
+
+fn near_enough(declared: &PlaceSettings<'_>, survey: &Survey, places: Option<Places>) -> Result<(), PipelineError> {
+    match places {
+        Some(places) if places.gap_m > places.sight_m => Err(no_overlap(declared, survey, Some(places))),
+        _ => Ok(()),
+    }
+}
+
+/// Checks that footprints are as large as buildings can be: a corner that is far away makes one that no memory is enough for.
+///
+/// # Errors
+/// [`PipelineError::Unusable`] with the longest.
+pub fn check_lengths(layer: &FootprintLayer) -> Result<(), PipelineError> {
     let length_m = |polygon: &Polygon<f64>| polygon.bounding_rect().map_or(0.0, |rect| rect.width().max(rect.height()));
     let lengths = layer.footprints.iter().map(|footprint| (length_m(&footprint.polygon), &footprint.id));
     let Some((length_m, id)) = lengths.filter(|(length_m, _)| *length_m > LONGEST_M).max_by(|a, b| a.0.total_cmp(&b.0))
@@ -301,8 +334,8 @@ fn check_lengths(layer: &FootprintLayer) -> Result<(), PipelineError> {
 }
 
 /// No view sees any footprint: where both are, and what may be wrong.
-pub(super) fn no_overlap(declared: &PlaceSettings<'_>, survey: &Survey, layer: &FootprintLayer) -> PipelineError {
-    let Some(places) = Places::of(declared, survey, layer) else {
+fn no_overlap(declared: &PlaceSettings<'_>, survey: &Survey, places: Option<Places>) -> PipelineError {
+    let Some(places) = places else {
         let message = "no view sees any footprint".to_owned();
         return PipelineError::Mismatch { message, hint: "are there poses and footprints?" };
     };

@@ -32,7 +32,7 @@ mod survey;
 mod tile;
 
 pub use artefacts::{FootprintStage, HeightStage};
-pub use checks::check_fallback;
+pub use checks::{check_city, check_fallback, check_lengths};
 pub use commands::{PriorsDone, Wanted, compute_priors, look};
 pub use dtm::{dtm_of_photos, write_dtm};
 pub use error::PipelineError;

@@ -48,6 +48,16 @@ impl TileOutcome {
     pub fn is_done(&self) -> bool {
         matches!(self.exit_code, Some(0 | 5))
     }
+
+    /// Exit code of a failure: 2 settings, 3 input, 4 whatever may pass by itself.
+    #[must_use]
+    pub fn failure_code(&self) -> u8 {
+        match self.exit_code {
+            Some(2) => 2,
+            Some(3) => 3,
+            _ => 4,
+        }
+    }
 }
 
 struct Running<'a> {

@@ -19,6 +19,7 @@ struct Mistake {
 }
 
 const RUN: &[&str] = &["run", "sizeup.toml"];
+const TILED: &[&str] = &["run", "sizeup.toml", "--tiled", "--heights", "none"];
 
 fn nothing(_: &Scene) {}
 
@@ -99,7 +100,7 @@ fn poses_without_angles(scene: &Scene) {
 }
 
 /// The mistakes of a first hour.
-const MISTAKES: [Mistake; 46] = [
+const MISTAKES: [Mistake; 48] = [
     Mistake {
         made: "points in place of footprints",
         make: points,
@@ -180,6 +181,14 @@ const MISTAKES: [Mistake; 46] = [
         made: "poses five kilometres off",
         make: elsewhere,
         args: &["run", "sizeup.toml", "--until", "footprints"],
+        code: 3,
+        says: &["no view sees any footprint"],
+        hint: &["offset", "CRS"],
+    },
+    Mistake {
+        made: "poses five kilometres off, in tiles",
+        make: elsewhere,
+        args: TILED,
         code: 3,
         says: &["no view sees any footprint"],
         hint: &["offset", "CRS"],
@@ -284,6 +293,14 @@ const MISTAKES: [Mistake; 46] = [
         made: "a footprint with a corner a thousand kilometres away",
         make: long_footprint,
         args: RUN,
+        code: 3,
+        says: &["[footprints] the footprint ", "is 1000 km long"],
+        hint: &["mend the footprint"],
+    },
+    Mistake {
+        made: "a footprint with a corner a thousand kilometres away, in tiles",
+        make: long_footprint,
+        args: TILED,
         code: 3,
         says: &["[footprints] the footprint ", "is 1000 km long"],
         hint: &["mend the footprint"],

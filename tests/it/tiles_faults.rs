@@ -234,3 +234,16 @@ fn a_pool_of_processes_makes_the_same_city_and_starts_nothing_that_does_not_fit(
     };
     assert_same(&of_tiles(expected), &of_tiles(results(&scene, "city")));
 }
+
+#[test]
+fn engines_are_told_not_to_try_input_again_that_only_the_tiles_find_unusable() {
+    let scene = Scene::new();
+    fs::write(scene.path("depth.onnx"), "no network").unwrap();
+    let network = ["--set", "prior.source=network", "--set", "prior.model=depth.onnx"];
+    let refused = scene.run(&[&["--tiled", "--heights", "none", "--output", "city"], &network[..]].concat());
+    assert_eq!(refused.code, 3, "{}", refused.stderr);
+    assert!(refused.stderr.contains("no network profile is set"), "{}", refused.stderr);
+    assert!(refused.stderr.contains("hint: mend the settings or the input"), "{}", refused.stderr);
+    let attempt = scene.json(&format!("city/tiles/{}.try.json", ids(&scene)[0]));
+    assert_eq!((&attempt["exit_code"], &attempt["n_tries"]), (&Value::from(3), &Value::from(1)));
+}

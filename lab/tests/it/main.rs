@@ -43,3 +43,19 @@ fn help_of_every_subcommand_reads_well() {
         assert!(long.is_none(), "{command}: a line too long for a terminal: {long:?}");
     }
 }
+
+#[test]
+fn a_file_of_real_buildings_that_cannot_be_read_is_bad_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let broken = folder.path().join("broken.city.json");
+    std::fs::write(&broken, b"{\"type\":\"CityJSON\xff\"}").unwrap();
+    let missing = folder.path().join("missing.city.json");
+    for path in [broken, missing] {
+        let from = format!("cityjson.path={}", path.display());
+        let mut simulate = lab();
+        simulate.current_dir(folder.path()).args(["simulate", "--set", &from, "--output", "scene"]);
+        let refused: Outcome = simulate.output().unwrap().into();
+        assert_eq!(refused.code, 3, "{}", refused.stderr);
+        assert!(refused.stderr.contains("city.json"), "{}", refused.stderr);
+    }
+}

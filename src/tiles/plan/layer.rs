@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use geo_types::Rect;
 use rayon::prelude::*;
 
-use crate::pipeline::{FootprintSettings, PipelineError, check_fallback, footprints_around, layer_of};
+use crate::pipeline::{FootprintSettings, PipelineError, check_fallback, check_lengths, footprints_around, layer_of};
 use crate::tiles::TilesError;
 use crate::tiles::grid::Core;
 use sizeup_footprints::{FootprintSource, LayerParts, RefusedFootprint};
@@ -31,16 +31,20 @@ impl CityFootprints {
     /// Reads the layer once.
     ///
     /// # Errors
-    /// [`TilesError`] where it cannot be read, or none of its footprints can be used.
+    /// [`TilesError`] where it cannot be read, none of its footprints can be used, or one is longer than a building can be.
     pub(super) fn read(settings: &FootprintSettings<'_>, heights: &FallbackConfig) -> Result<Self, TilesError> {
         use geo::BoundingRect as _;
         let (mut middles, mut refused, mut issues) = (Vec::new(), Vec::new(), Vec::new());
         let mut extent: Option<MapBox> = None;
         // Holds as soon as one footprint has what heights fall back on.
         let mut fallback = None;
+        let mut lengths = Ok(());
         let renamed = LayerParts::open(&*layer_of(settings)?, settings.ground.crs)?.visit(&mut |found| {
             if !matches!(fallback, Some(Ok(()))) {
                 fallback = Some(check_fallback(heights, found.footprints.iter().map(|f| &f.attributes)));
+            }
+            if lengths.is_ok() {
+                lengths = check_lengths(&found);
             }
             for footprint in &found.footprints {
                 middles.extend(footprint.middle());
@@ -51,6 +55,7 @@ impl CityFootprints {
             refused.extend(found.refused);
             issues.extend(found.issues);
         })?;
+        lengths?;
         let Some(extent) = extent else {
             return Err(TilesError::Pipeline(PipelineError::Mismatch {
                 message: "none of the input's buildings has a usable footprint".to_owned(),

@@ -141,6 +141,7 @@ fn make(
     if let Some(found) = found {
         (footprints.refused, footprints.issues) = (found.refused, found.issues);
     }
+    pipeline::check_city(&run.heights.scene, &survey, footprints.extent, &footprints.middles)?;
     let places = Places::new(&footprints.middles);
     let earlier = read_json::<CityFrame>(&layout.frame()).ok();
     let city = PlannedCity::new(&run, settings, &survey, &footprints, places, earlier)?;
