@@ -282,9 +282,12 @@ fn the_job_for_kubernetes_follows_its_schema() {
     assert_success(&validate(&validator, &job));
     let folder = tempfile::tempdir().unwrap();
     let text = fs::read_to_string(job).unwrap();
-    for (right, wrong) in
-        [("backoffLimitPerIndex: 2", "backoffLimitPerTile: 2"), ("completions: 64", "completions: all")]
-    {
+    for (right, wrong) in [
+        ("backoffLimitPerIndex: 2", "backoffLimitPerTile: 2"),
+        ("completions: 64", "completions: all"),
+        ("onExitCodes: {", "onExitCode: {"),
+        ("values: [2, 3]", "values: [input]"),
+    ] {
         let path = folder.path().join("job.yaml");
         assert!(text.contains(right));
         fs::write(&path, text.replace(right, wrong)).unwrap();
@@ -322,7 +325,13 @@ fn the_pods_of_the_job_for_kubernetes_run_the_tiles() {
         pod.output().unwrap()
     };
     (0..n).for_each(|index| assert_success(&pod(index)));
-    assert!(!pod(n).status.success(), "there is no tile {n}");
+    // The job's rule for failures goes by these.
+    assert_eq!(pod(n).status.code(), Some(2), "there is no tile {n}");
+    let views = scene.path(&format!("city/tiles/{}/views.json", ids(&scene)[0]));
+    let sound = fs::read(&views).unwrap();
+    fs::write(&views, b"{\xff").unwrap();
+    assert_eq!(pod(0).status.code(), Some(3), "the plan is damaged");
+    fs::write(&views, sound).unwrap();
     assert!([0, 5].contains(&merge(&scene, &[]).code));
     assert_same(&expected, &results(&scene, "city"));
 }
@@ -340,6 +349,77 @@ fn the_tasks_of_a_slurm_array_run_the_tiles_without_slurm_too() {
     (0..n).for_each(|index| assert_success(&task(index)));
     assert_eq!(task(n).status.code(), Some(2), "there is no tile {n}");
     assert_same(&of_tiles(expected), &of_tiles(results(&scene, "city")));
+}
+
+/// An executable script.
+fn write_script(path: &Path, text: &str) {
+    fs::write(path, text).unwrap();
+    fs::set_permissions(path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+}
+
+#[test]
+fn a_slurm_array_has_the_memory_of_its_tiles_and_a_second_one_tries_them_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    // A plan of five tiles, and a Slurm that only writes down what it is sent.
+    let tile = |number: usize, mb: usize| format!("{number}\ttile\t9 buildings\t9 views\t{mb} MB\twaiting\n");
+    let todo: String = [(0, 900), (1, 117), (3, 230), (4, 1900), (7, 1700)].map(|(at, mb)| tile(at, mb)).concat();
+    fs::write(path("todo"), todo).unwrap();
+    write_script(&path("sizeup"), &format!("#!/bin/sh\n[ \"$2\" = plan ] || cat {}\n", path("todo").display()));
+    let sent = path("sent");
+    let sbatch = "#!/bin/sh\nprintf '%s\\t' \"$@\" >> SENT\necho >> SENT\nwc -l < SENT\n";
+    write_script(&path("sbatch"), &sbatch.replace("SENT", &sent.display().to_string()));
+    let submitted = Command::new(repository("workflows/slurm/submit.sh"))
+        .args([path("sizeup.toml"), path("city")])
+        .args(["--partition=batch"])
+        .env("SIZEUP", path("sizeup"))
+        .env("PATH", format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap()))
+        .output()
+        .unwrap();
+    assert_success(&submitted);
+    let sent = fs::read_to_string(sent).unwrap();
+    let jobs: Vec<Vec<&str>> = sent.lines().map(|job| job.split_terminator('\t').collect()).collect();
+    let expected: [&[&str]; 7] = [
+        &["--array=1,3", "--mem=230M"],
+        &["--array=1,3", "--mem=345M", "--dependency=afternotok:1", "--kill-on-invalid-dep=yes", "again"],
+        &["--array=0,7", "--mem=1700M"],
+        &["--array=0,7", "--mem=2550M", "--dependency=afternotok:3", "--kill-on-invalid-dep=yes", "again"],
+        &["--array=4", "--mem=1900M"],
+        &["--array=4", "--mem=2850M", "--dependency=afternotok:5", "--kill-on-invalid-dep=yes", "again"],
+        &["--dependency=afterany:1:2:3:4:5:6", "--job-name=sizeup-merge"],
+    ];
+    assert_eq!(jobs.len(), expected.len(), "{sent}");
+    for (job, words) in jobs.iter().zip(expected) {
+        assert!(words.iter().all(|word| job.contains(word)), "{words:?} of {job:?}");
+        assert!(job.contains(&"--partition=batch"), "{job:?}");
+    }
+}
+
+#[test]
+fn a_second_slurm_array_leaves_out_tiles_whose_input_is_unusable() {
+    let scene = Scene::new();
+    plan(&scene);
+    let ids = ids(&scene);
+    let n_tries = |id: &str| scene.json(&format!("city/tiles/{id}.try.json"))["n_tries"].clone();
+    let failed_with = |id: &str, code: u8| {
+        let attempt = serde_json::json!({ "tile": id, "n_tries": 1, "exit_code": code, "cause": "made up" });
+        fs::write(scene.path(&format!("city/tiles/{id}.try.json")), attempt.to_string()).unwrap();
+    };
+    let again = || {
+        let mut task = Command::new("bash");
+        task.arg(repository("workflows/slurm/tile.sh")).arg(scene.path("city")).arg("again");
+        task.env("SIZEUP", env!("CARGO_BIN_EXE_sizeup")).env("SLURM_ARRAY_TASK_ID", "0").output().unwrap()
+    };
+    for code in [2, 3] {
+        failed_with(&ids[0], code);
+        let refused = again();
+        assert_eq!(refused.status.code(), Some(i32::from(code)), "{}", said(&refused));
+        assert!(said(&refused).contains("is not tried again") && n_tries(&ids[0]) == 1, "{}", said(&refused));
+    }
+    failed_with(&ids[0], 4);
+    assert_success(&again());
+    assert!(scene.path(&format!("city/tiles/{}.done.json", ids[0])).exists());
+    assert_success(&again());
 }
 
 /// What of Kubernetes' API Snakemake uses, as processes of this machine; ended on drop.
