@@ -49,12 +49,9 @@ from qgis.PyQt.QtWidgets import QMainWindow
 
 SCENE, PROGRAM, PICTURES = Path(), "", Path()
 CRS = "EPSG:25832"
-# Settings of a run whose heights and pages do not matter.
-QUICK = (
-    "optimise.working_px=160\nsurvey.accept_unsound=true\nrefinement.enabled=false\noutput.pictures=false\n"
-    "output.report.page=false"
-)
-WHOLE = "optimise.working_px=160\nsurvey.accept_unsound=true"
+# Settings of a run whose heights and pictures do not matter, with a report and without.
+WITH_PAGE = "optimise.working_px=160\nsurvey.accept_unsound=true\nrefinement.enabled=false\noutput.pictures=false"
+QUICK = f"{WITH_PAGE}\noutput.report.page=false"
 
 
 class Told(QgsProcessingFeedback):
@@ -431,7 +428,7 @@ class Mistakes(Case):
         # Deaf to the first signal: it has to be ended the hard way.
         slow = script(
             self.folder, "slow",
-            'case "$*" in *--version) echo sizeup 0.1.0; exit;; esac\n'
+            'case "$*" in *--version) echo sizeup 0.1.0; exit;; "model list --json") echo "[]"; exit;; esac\n'
             f'trap "" TERM\necho $$ > "{pid}"\n'
             "echo '{\"event\":\"stage\",\"stage\":\"heights\"}' >&2\n"
             "while true; do sleep 0.2; done\n",
@@ -560,7 +557,7 @@ class Algorithms(Case):
     def test_heights_are_found_loaded_styled_and_reviewed(self):
         output = self.folder / "Stadt ü"
         told = Told()
-        answer = run("heights", heights(output, MORE=WHOLE), told)
+        answer = run("heights", heights(output, MORE=WITH_PAGE), told)
         self.assertTrue(all(Path(answer[name]).is_file() for name in ("GEOPACKAGE", "CITYJSON", "REPORT")))
         # One line for each stage, some with the time left.
         for line in ("Reading the survey", "Laying footprints on the ground", "Finding heights", "Writing the results"):
@@ -625,7 +622,7 @@ class Algorithms(Case):
         self.assertEqual(len(QgsProject.instance().mapLayers()), 6)
         self.assert_reviewed(output, first, second, third)
         # And they outlive a whole run.
-        run("heights", heights(output, MORE=WHOLE))
+        run("heights", heights(output, MORE=WITH_PAGE))
         self.assert_reviewed(output, first, second, third)
         dock.disconnect_all()
         dock.deleteLater()
