@@ -1,34 +1,38 @@
 //! The network that comes with sizeup, from photos to footprints, and what can be wrong with networks' settings and depth.
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::PathBuf;
+use std::sync::{Arc, LazyLock};
 
 use geo::{Area as _, BooleanOps as _};
 use geo_types::{MultiPolygon, Polygon};
 use sizeup::camera::Camera;
 use sizeup::footprint::{ContourFineness, ContourSource as _, Segmenter, SegmenterConfig};
 use sizeup::prior::{FilePriorConfig, FilePriors, PriorKind};
-use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind, simulate};
+use sizeup::simulate::{PriorLevel, SimulateConfig, TownKind};
 use sizeup::survey::View;
+use tempfile::TempDir;
 
 use crate::footprint_masks::{layer, run, view};
-use crate::tiny_scene::write_npy;
+use crate::tiny_scene::{copy, simulate_from_above, write_npy};
 
-/// A village that the network never saw, photos and depth as it wants them; its footprints are to be found.
-fn village(folder: &Path) {
+/// A village that the network never saw, photos from above and depth as it wants them; its footprints are to be found.
+static VILLAGE: LazyLock<TempDir> = LazyLock::new(|| {
+    let scene = tempfile::tempdir().unwrap();
+    let folder = scene.path();
     let mut config = SimulateConfig { seed: 151, ..SimulateConfig::default() };
     (config.town.kind, config.town.n_buildings) = (TownKind::Village, 12);
     (config.flight.n_views, config.flight.height_m) = (Some(40), 120.0);
     (config.camera.width_px, config.camera.height_px) = (480, 360);
     (config.prior.longest_px, config.prior.level) = (320, PriorLevel::Mid);
-    simulate(&config, folder, &|_, _| {}).unwrap();
+    simulate_from_above(&config, folder);
     let path = folder.join("sizeup.toml");
     let text = std::fs::read_to_string(&path).unwrap();
     let layer = "path = \"footprints.gpkg\"\nid_field = \"id\"\n";
     assert!(text.contains(layer));
     let text = text.replace(layer, "source = \"network\"\n");
     std::fs::write(&path, format!("{text}\n[output]\npictures = false\n")).unwrap();
-}
+    scene
+});
 
 fn union(footprints: &[Polygon<f64>]) -> MultiPolygon<f64> {
     footprints.iter().fold(MultiPolygon(Vec::new()), |sum, footprint| sum.union(footprint))
@@ -37,8 +41,8 @@ fn union(footprints: &[Polygon<f64>]) -> MultiPolygon<f64> {
 #[test]
 fn the_built_in_network_outlines_a_village_with_the_runs_own_depth() {
     let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    village(folder);
+    let folder = &folder.path().join("village");
+    copy(VILLAGE.path(), folder);
     let found = run(folder, &["footprints", "sizeup.toml", "--json"]);
     assert_eq!(found.code, 0, "{}", found.stderr);
     assert!(found.stderr.contains("footprints by the built-in network: "), "{}", found.stderr);
@@ -55,7 +59,6 @@ fn the_built_in_network_outlines_a_village_with_the_runs_own_depth() {
     let nadir: Vec<PathBuf> = std::fs::read_dir(folder.join("priors"))
         .unwrap()
         .map(|file| file.unwrap().path())
-        .filter(|path| path.to_string_lossy().contains("nadir"))
         .collect();
     nadir.iter().for_each(|path| std::fs::write(path, "no depth").unwrap());
     let broken = run(folder, &["footprints", "sizeup.toml", "--output", "broken"]);
@@ -79,14 +82,8 @@ fn the_built_in_network_outlines_a_village_with_the_runs_own_depth() {
 #[test]
 fn a_single_photo_is_looked_at_without_depth_and_with_a_level_one() {
     let folder = tempfile::tempdir().unwrap();
-    village(folder.path());
-    let images = folder.path().join("images");
-    let path = std::fs::read_dir(&images)
-        .unwrap()
-        .map(|file| file.unwrap().path())
-        .filter(|path| path.to_string_lossy().contains("nadir"))
-        .min()
-        .unwrap();
+    let images = std::fs::read_dir(VILLAGE.path().join("images")).unwrap();
+    let path = images.map(|file| file.unwrap().path()).min().unwrap();
     let (width, height) = image::image_dimensions(&path).unwrap();
     let seen = view("", 0.0, 0.0);
     let camera = Arc::new(Camera::pinhole(width, height, 400.0));

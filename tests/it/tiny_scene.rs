@@ -7,7 +7,10 @@ use std::sync::OnceLock;
 
 use assert_cmd::Command;
 use serde_json::Value;
-use sizeup::simulate::{SimulateConfig, simulate};
+use sizeup::config::RunConfig;
+use sizeup::crs::Crs;
+use sizeup::simulate::{ErrorConfig, SimulateConfig, SimulationSummary, simulate, simulate_with_views};
+use sizeup::survey::{self, View, ViewKind};
 use tempfile::TempDir;
 
 /// Buildings of the scene.
@@ -25,6 +28,21 @@ pub fn config() -> SimulateConfig {
     config.terrain.margin_m = 400.0;
     config.images.enabled = false;
     config
+}
+
+/// Simulates a scene with the nadir photos of a flight alone. The others are not rendered: most of a simulation's time goes into photos.
+pub fn simulate_from_above(config: &SimulateConfig, folder: &Path) -> SimulationSummary {
+    let planned = tempfile::tempdir().unwrap();
+    let errors = ErrorConfig { position_m: 0.0, angle_deg: 0.0, ..config.errors };
+    let mut plan = SimulateConfig { errors, ..config.clone() };
+    (plan.images.enabled, plan.masks.enabled, plan.prior.longest_px) = (false, false, 16);
+    let planned = simulate(&plan, planned.path(), &|_, _| {}).unwrap();
+    let run = RunConfig::load(&planned.run_config, &[]).unwrap();
+    let poses = survey::read(&run.survey, &Crs::parse(&config.crs).unwrap()).unwrap();
+    let nadir: Vec<View> = poses.views.into_iter().filter(|view| view.kind() == ViewKind::Nadir).collect();
+    let summary = simulate_with_views(config, &nadir, folder, &|_, _| {}).unwrap();
+    assert_eq!(summary.n_views, planned.n_nadir);
+    summary
 }
 
 /// Runs write no report: its page takes as long as the heights of so few buildings.
@@ -45,7 +63,8 @@ fn original() -> &'static Path {
     scene.path()
 }
 
-fn copy(from: &Path, to: &Path) {
+/// Copies a folder with all that is in it.
+pub fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
     for entry in fs::read_dir(from).unwrap() {
         let entry = entry.unwrap();
