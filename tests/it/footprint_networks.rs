@@ -56,10 +56,8 @@ fn the_built_in_network_outlines_a_village_with_the_runs_own_depth() {
     assert!(iou > 0.65, "{iou}");
 
     // Depth that does not fit its photo is a mistake, and each photo says so.
-    let nadir: Vec<PathBuf> = std::fs::read_dir(folder.join("priors"))
-        .unwrap()
-        .map(|file| file.unwrap().path())
-        .collect();
+    let nadir: Vec<PathBuf> =
+        std::fs::read_dir(folder.join("priors")).unwrap().map(|file| file.unwrap().path()).collect();
     nadir.iter().for_each(|path| std::fs::write(path, "no depth").unwrap());
     let broken = run(folder, &["footprints", "sizeup.toml", "--output", "broken"]);
     assert_eq!(broken.code, 3, "{}", broken.stderr);

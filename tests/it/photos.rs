@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::LazyLock;
 
 use sizeup::crs::Crs;
@@ -16,7 +15,7 @@ use tempfile::TempDir;
 
 use crate::real_data::warsaw_config;
 use crate::shared_data::shared_data;
-use crate::tiny_scene::{Outcome, sizeup};
+use crate::tiny_scene::{Outcome, copy, simulate_from_above, sizeup};
 
 /// A small town with photos, poses good to 0.05 m and 0.05°.
 static TOWN: LazyLock<TempDir> = LazyLock::new(|| town(|_| ()));
@@ -30,16 +29,31 @@ static OVER_LOW: LazyLock<PathBuf> = LazyLock::new(|| run(TOWN.path(), "low", &[
 /// Refinement by photos takes most of a run's time.
 const BLIND: &str = "refinement.enabled=false";
 
-fn town(change: impl Fn(&mut SimulateConfig)) -> TempDir {
-    let folder = tempfile::tempdir().unwrap();
+fn small_town() -> SimulateConfig {
     let mut config = SimulateConfig { seed: 5, ..SimulateConfig::default() };
     (config.town.kind, config.town.n_buildings) = (TownKind::District, 12);
     config.flight.n_views = Some(32);
     (config.camera.width_px, config.camera.height_px) = (640, 480);
     config.prior.longest_px = 320;
+    config
+}
+
+fn town(change: impl Fn(&mut SimulateConfig)) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let mut config = small_town();
     change(&mut config);
     simulate(&config, folder.path(), &|_, _| {}).unwrap();
     folder
+}
+
+/// Copies what the town was simulated as, without the results that other tests write into it meanwhile.
+fn copy_of_town(to: &Path) {
+    for folder in ["sparse", "images", "priors"] {
+        copy(&TOWN.path().join(folder), &to.join(folder));
+    }
+    for file in ["sizeup.toml", "footprints.gpkg", "truth.geojson", "dtm.tif"] {
+        fs::copy(TOWN.path().join(file), to.join(file)).unwrap();
+    }
 }
 
 /// Runs the scene with more settings; its results.
@@ -104,10 +118,14 @@ fn large_blocks_are_refined_by_photos_that_show_parts_of_them() {
 
 #[test]
 fn photos_under_poses_that_are_off_have_no_say_until_they_are_aligned() {
-    let shaken = town(|config| {
+    // The same photos: only the poses are others.
+    let shaken = tempfile::tempdir().unwrap();
+    copy_of_town(shaken.path());
+    let poses = town(|config| {
         (config.errors.position_m, config.errors.angle_deg) = (0.4, 0.25);
-        config.flight.n_views = Some(30);
+        (config.images.enabled, config.masks.enabled, config.prior.longest_px) = (false, false, 16);
     });
+    fs::copy(poses.path().join("sparse/images.txt"), shaken.path().join("sparse/images.txt")).unwrap();
     let result = run(shaken.path(), "as-given", &["align.when=never"]);
     assert!(raised_m(&result).len() <= 1, "{:?}", raised_m(&result));
     let aligned = run(shaken.path(), "aligned", &[]);
@@ -121,7 +139,7 @@ fn photos_under_poses_that_are_off_have_no_say_until_they_are_aligned() {
 fn a_photo_that_cannot_be_read_is_told_of_and_left_out() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("scene");
-    assert!(Command::new("cp").arg("-r").arg(TOWN.path()).arg(&scene).status().unwrap().success());
+    copy_of_town(&scene);
     let mut photos: Vec<PathBuf> =
         fs::read_dir(scene.join("images")).unwrap().map(|entry| entry.unwrap().path()).collect();
     photos.sort();
@@ -142,7 +160,7 @@ fn a_photo_that_cannot_be_read_is_told_of_and_left_out() {
 fn a_result_finds_its_photos_from_any_folder_and_pictures_in_them_what_is_farthest_off() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("scene");
-    assert!(Command::new("cp").arg("-r").arg(TOWN.path()).arg(&scene).status().unwrap().success());
+    copy_of_town(&scene);
     let sizeup_in = |from: &Path, args: &[&str]| -> Outcome {
         let outcome: Outcome = sizeup().current_dir(from).args(args).output().unwrap().into();
         assert!([0, 5].contains(&outcome.code), "{}", outcome.stderr);
@@ -372,20 +390,13 @@ fn real_photos_are_good_ones_until_they_are_blurred() {
 /// A town photographed straight down only: 30 overlapping photos of a grid, poses good to 0.05 m and 0.05°.
 #[test]
 fn photos_that_look_straight_down_give_heights_by_stereo_with_an_honest_sigma() {
-    let folder = town(|config| {
-        config.town.n_buildings = 16;
-        config.flight.n_views = Some(150);
-        (config.camera.width_px, config.camera.height_px) = (800, 600);
-        config.prior.longest_px = 64;
-    });
+    let folder = tempfile::tempdir().unwrap();
     let scene = folder.path();
-    let images = scene.join("sparse/images.txt");
-    let text = fs::read_to_string(&images).unwrap();
-    let poses: Vec<&str> = text.lines().filter(|line| !line.starts_with('#')).step_by(2).collect();
-    let nadir: Vec<String> =
-        poses.iter().filter(|pose| pose.contains("_nadir")).map(|pose| format!("{pose}\n\n")).collect();
-    assert_eq!(nadir.len(), 30);
-    fs::write(&images, nadir.concat()).unwrap();
+    let mut config = small_town();
+    config.town.n_buildings = 16;
+    config.flight.n_views = Some(150);
+    config.prior.longest_px = 64;
+    assert_eq!(simulate_from_above(&config, scene).n_views, 30);
     // Depth that is only near and far shows no heights from above.
     let refused: Outcome = sizeup().arg("run").arg(scene.join("sizeup.toml")).output().unwrap().into();
     assert!(refused.stderr.contains("none of the 30 views is oblique"), "{}", refused.stderr);
