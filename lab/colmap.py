@@ -150,7 +150,7 @@ def main():
     parser.add_argument("--sizeup", default="sizeup", help="the program")
     parser.add_argument("--lab", default="sizeup-lab", help="the laboratory's program")
     parser.add_argument("--set", dest="settings", action="append", default=[], help="a setting of every run")
-    parser.add_argument("--way", action="append", default=[], metavar="NAME=SETTING,SETTING",
+    parser.add_argument("--way", action="append", default=[], metavar="NAME=SETTING;SETTING",
                         help="a run of sizeup with its settings, as in stereo='prior={source=\"stereo\"}'")
     parser.add_argument("--neighbours", type=int, default=20, help="photos that each photo is matched with; 0: all")
     parser.add_argument("--map", action="store_true", help="also run COLMAP's incremental mapper")
@@ -169,6 +169,8 @@ def main():
         colmap_step(options.step, survey, images, work, pairs)
         return
 
+    if (folder / "prior-cache").exists():
+        raise SystemExit(f"{folder / 'prior-cache'} has depth of an earlier run, which would cost nothing here: move it away")
     shutil.rmtree(options.output, ignore_errors=True)
     work.mkdir(parents=True)
     # The level below half of the tie points, which is near enough to the ground to choose pairs.
@@ -202,7 +204,6 @@ def main():
     for way in options.way or ["priors="]:
         name, _, settings = way.partition("=")
         out = options.output / name
-        # Depth that an earlier run left in a cache would cost nothing.
         more = [part for setting in filter(None, settings.split(";")) for part in ("--set", setting)]
         row, _ = measured([
             options.sizeup, "run", options.config, "--threads", "1", "--output", out, *QUIET, *sets, *more,
