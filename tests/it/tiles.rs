@@ -279,6 +279,45 @@ fn halos_that_cut_through_a_town_leave_its_heights_as_they_are() {
 }
 
 #[test]
+fn a_bad_photo_leaves_heights_that_were_not_measured_in_it_as_they_were() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut config = SimulateConfig::default();
+    config.town.n_buildings = 60;
+    config.flight.n_views = Some(100);
+    config.prior.longest_px = 224;
+    (config.town.trees_per_building, config.town.cars_per_building) = (0.5, 0.0);
+    (config.images.enabled, config.masks.enabled) = (false, false);
+    simulate(&config, folder.path(), &|_, _| {}).unwrap();
+    let scene = Scene::of(folder);
+    let run = |output: &str| {
+        let sets = ["optimise.working_px=224", "output.pictures=false", "output.report.page=false"];
+        let sets = sets.into_iter().chain(["optimise.search.calibrate_on=ground"]).flat_map(|set| ["--set", set]);
+        let ran = scene.run(&["--output", output].into_iter().chain(sets).collect::<Vec<_>>());
+        assert!([0, 5].contains(&ran.code), "{}", ran.stderr);
+        scene.json(&format!("{output}/city.city.json"))["CityObjects"].clone()
+    };
+    let sound = run("sound");
+    // One photo gets the prior of another.
+    let oblique: Vec<String> = scene.stems().into_iter().filter(|stem| stem.ends_with("_oblique")).collect();
+    let prior = |at: usize| scene.path(&format!("priors/{}.npy", oblique[at]));
+    fs::copy(prior(39), prior(9)).unwrap();
+    let with_bad = run("bad");
+    let issues = fs::read_to_string(scene.path("bad/issues.json")).unwrap();
+    assert!(issues.contains("prior_disagrees") && issues.contains(&oblique[9]), "{issues}");
+    let others = sound.as_object().unwrap().iter().filter_map(|(id, object)| {
+        let attributes = &object["attributes"];
+        let is_measured_in_it = attributes["views"].to_string().contains(&oblique[9]);
+        let change_m = attributes["height_m"].as_f64()? - with_bad[id]["attributes"]["height_m"].as_f64()?;
+        (!is_measured_in_it).then_some(change_m.abs())
+    });
+    let changes_m: Vec<f64> = others.collect();
+    let n_moved = changes_m.iter().filter(|change_m| **change_m > 0.01).count();
+    println!("{n_moved} of {} moved by more than a centimetre", changes_m.len());
+    // 3 of 59 stand beside what was measured in it. When all heights were looked for again, 16 moved.
+    assert!(changes_m.len() > 50 && n_moved * 10 <= changes_m.len(), "{changes_m:?}");
+}
+
+#[test]
 fn photos_of_all_kinds_refine_roofs_in_tiles_as_in_one_piece_and_a_poisoned_one_stops_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let mut config = SimulateConfig::default();

@@ -100,8 +100,9 @@ impl SolverState<'_> {
         (self.problem.progress)(Solving::Epochs, n_sweeps, n_sweeps);
     }
 
-    /// Leaves out the views whose prior shows something else than the others', and looks for all heights again in the views that take
-    /// their place. Returns how many views are selected then.
+    /// Leaves out the views whose prior shows something else than the others', and looks again for the heights that were measured in
+    /// them, in the views that take their place. All other heights and choices of views stay: a bad photo at one end of a city must
+    /// not move heights at the other, which a tile does not see. Returns how many views are selected then.
     fn replace_disagreeing(&mut self, mut n_selected: usize) -> usize {
         for _ in 0..MAX_REPLACED {
             let mut scores = vec![Vec::new(); self.evidence.len()];
@@ -116,10 +117,20 @@ impl SolverState<'_> {
                 self.evidence[disagreeing.view] = None;
                 self.disagreeing[disagreeing.view] = Some(disagreeing);
             }
+            let is_left_out = |view: &usize| self.disagreeing[*view].is_some();
+            let has_lost_one: Vec<bool> = self.views_of.iter().map(|views| views.iter().any(is_left_out)).collect();
+            let before = self.views_of.clone();
             n_selected = self.reselect().views.len();
-            self.findings.fill(None);
+            for (building, views) in before.into_iter().enumerate().filter(|(building, _)| !has_lost_one[*building]) {
+                self.views_of[building] = views;
+            }
+            for (building, finding) in self.findings.iter_mut().enumerate() {
+                if has_lost_one[building] {
+                    *finding = None;
+                }
+            }
             let problem = self.problem;
-            self.sweep(|b| problem.is_searched(b), Range::Full, n_selected);
+            self.sweep(|b| has_lost_one[b] && problem.is_searched(b), Range::Full, n_selected);
         }
         n_selected
     }
