@@ -49,7 +49,7 @@ impl TileOutcome {
         matches!(self.exit_code, Some(0 | 5))
     }
 
-    /// Exit code of a failure: 2 settings, 3 input, 4 whatever may pass by itself.
+    /// Returns the exit code of a failure: 2 settings, 3 input, 4 for what may pass by itself.
     #[must_use]
     pub fn failure_code(&self) -> u8 {
         match self.exit_code {

@@ -351,7 +351,7 @@ fn the_tasks_of_a_slurm_array_run_the_tiles_without_slurm_too() {
     assert_same(&of_tiles(expected), &of_tiles(results(&scene, "city")));
 }
 
-/// An executable script.
+/// Writes an executable script.
 fn write_script(path: &Path, text: &str) {
     fs::write(path, text).unwrap();
     fs::set_permissions(path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();

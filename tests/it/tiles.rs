@@ -281,7 +281,7 @@ fn halos_that_cut_through_a_town_leave_its_heights_as_they_are() {
 #[test]
 fn a_bad_photo_leaves_heights_that_were_not_measured_in_it_as_they_were() {
     let folder = tempfile::tempdir().unwrap();
-    let mut config = SimulateConfig::default();
+    let mut config = SimulateConfig::preset("demo").unwrap();
     config.town.n_buildings = 60;
     config.flight.n_views = Some(100);
     config.prior.longest_px = 224;
