@@ -34,8 +34,8 @@ pub(super) struct Chart {
     pub size: UVec2,
     /// Place in the plane of the upper left corner of the grid, metres.
     corner: Vec2,
-    /// Whether the middle of each texel is on the surface.
-    pub inside: Vec<bool>,
+    /// A bit per texel, row by row: whether its middle is on the surface.
+    inside: Vec<u8>,
     /// Texels along a cell.
     pub cell_px: u32,
     /// Columns and rows of cells.
@@ -61,7 +61,7 @@ impl Chart {
         let mut chart =
             Self { texel_m: texel_m as f32, size, corner, inside: Vec::new(), cell_px, cells_size, cells: Vec::new() };
         let row = |y: u32| facet.contains_each((0..size.x).map(|x| chart.place(x, y)).collect());
-        chart.inside = (0..size.y).flat_map(row).collect();
+        chart.inside = packed(size, (0..size.y).flat_map(row));
         let cell = |i: u32| {
             let of_cell = || chart.texels_of(i).filter(|(x, y)| chart.is_inside(*x, *y));
             let n_texels = of_cell().count() as u32;
@@ -87,7 +87,8 @@ impl Chart {
     }
 
     pub fn is_inside(&self, x: u32, y: u32) -> bool {
-        self.inside[(y * self.size.x + x) as usize]
+        let texel = (y * self.size.x + x) as usize;
+        self.inside[texel / 8] & (1 << (texel % 8)) != 0
     }
 
     /// Columns and rows of the texels of a cell.
@@ -96,6 +97,12 @@ impl Chart {
         let (size, n) = (self.size, self.cell_px);
         let columns = move || cx * n..((cx + 1) * n).min(size.x);
         (cy * n..((cy + 1) * n).min(size.y)).flat_map(move |y| columns().map(move |x| (x, y)))
+    }
+
+    /// Returns the number of texels of a cell.
+    pub fn n_texels_of(&self, cell: u32) -> u32 {
+        let [first, last] = self.corners_of(cell);
+        (last[0] - first[0] + 1) * (last[1] - first[1] + 1)
     }
 
     /// First and last texel of a cell.
@@ -123,11 +130,18 @@ impl Chart {
     }
 }
 
+/// Packs whether texels are on the surface into a bit each.
+fn packed(size: UVec2, texels: impl Iterator<Item = bool>) -> Vec<u8> {
+    let mut bits = vec![0; ((size.x * size.y) as usize).div_ceil(8)];
+    texels.enumerate().filter(|(_, is_set)| *is_set).for_each(|(texel, _)| bits[texel / 8] |= 1 << (texel % 8));
+    bits
+}
+
 #[cfg(test)]
 impl Chart {
     /// A chart without gutters or cells, all of which is on the surface.
     pub(super) fn filled(size: UVec2) -> Self {
-        let inside = vec![true; (size.x * size.y) as usize];
+        let inside = packed(size, std::iter::repeat_n(true, (size.x * size.y) as usize));
         let (corner, cells_size) = (Vec2::ZERO, UVec2::ZERO);
         Self { texel_m: 0.1, size, corner, inside, cell_px: LEAST_CELL_PX, cells_size, cells: Vec::new() }
     }

@@ -49,7 +49,8 @@ pub(super) struct Painted {
 pub(super) fn paint(chart: &Chart, palette: &Palette<'_>, choice: Choice) -> Option<Painted> {
     let painters: Vec<Option<usize>> =
         (0..chart.cells.len()).map(|cell| painter(chart, palette, cell, choice)).collect();
-    let (mut picture, mut known) = (RgbImage::new(chart.size.x, chart.size.y), vec![false; chart.inside.len()]);
+    let (mut picture, mut known) =
+        (RgbImage::new(chart.size.x, chart.size.y), vec![false; (chart.size.x * chart.size.y) as usize]);
     let eave_px = palette.eave_m.filter(|_| choice == Choice::Agreeing).map_or(0, |eave_m| {
         let most = MOST_EAVE * (chart.size.y - 2 * super::chart::GUTTER_PX) as f32;
         // A texel at least: what the photo's own pixel mixes.
@@ -146,7 +147,7 @@ fn colour(
         let candidate = &palette.candidates[k];
         let colours = candidate.colours.as_ref()?;
         let gain = palette.gains[candidate.view];
-        Some(colours.picture.get_pixel(x, y).0.map(|v| f32::from(v) * gain))
+        Some(colours.at(chart, (x, y)).map(|v| f32::from(v) * gain))
     };
     let (mut sum, mut total) = ([0.0_f32; 3], 0.0_f32);
     let mut add = |painter: Option<usize>, weight: f32| {

@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DVec2, DVec3, Vec2};
-use image::RgbImage;
 
 use super::chart::Chart;
 use super::scene::SurfaceScene;
@@ -60,13 +59,28 @@ pub(super) struct Candidate {
     pub colours: Option<Colours>,
 }
 
-/// Colours of a photo on a chart.
+/// Colours of a photo on a chart. Those of all photos together are most of the memory, so cells that are not painted have none.
 #[derive(Debug)]
 pub(super) struct Colours {
-    /// One per texel.
-    pub picture: RgbImage,
+    /// Texels of the cells that have colours, cell by cell and row by row.
+    pub texels: Vec<[u8; 3]>,
+    /// Position among the texels of the first one of each cell, and the end; equal ones for a cell without colours.
+    pub first: Vec<u32>,
     /// Means over the texels of each cell that are on the surface.
     pub means: Vec<[f32; 3]>,
+}
+
+impl Colours {
+    /// Returns the colour of a texel, black in a cell without colours.
+    pub fn at(&self, chart: &Chart, (x, y): (u32, u32)) -> [u8; 3] {
+        let n = chart.cell_px;
+        let (cx, cy) = (x / n, y / n);
+        let cell = (cy * chart.cells_size.x + cx) as usize;
+        let (first, end) = (self.first[cell], self.first[cell + 1]);
+        let n_columns = n.min(chart.size.x - cx * n);
+        let texel = first + (y - cy * n) * n_columns + (x - cx * n);
+        if first == end { [0; 3] } else { self.texels[texel as usize] }
+    }
 }
 
 /// Image of a small step on a surface.

@@ -158,7 +158,6 @@ fn colours(
     let of_place = |&(surface, k): &(usize, usize)| {
         let chart = charts[surface].as_ref().ok_or("a surface without a chart")?;
         let (facet, level) = (&scene.facets[surface], level_of((surface, k)));
-        let mut picture = RgbImage::new(chart.size.x, chart.size.y);
         let shown = &candidates[surface][k].shown;
         // Colours run half a cell into those beside it, corners too.
         let is_wanted = |cell: usize| {
@@ -166,15 +165,28 @@ fn colours(
             is_shown(cell) || chart.beside(cell).any(|near| is_shown(near) || chart.beside(near).any(is_shown))
         };
         let seen = |x: u32, y: u32| camera.project(facet.point(chart.place(x, y)).as_dvec3());
-        for cell in (0..chart.cells.len()).filter(|cell| chart.cells[*cell].n_texels > 0 && is_wanted(*cell)) {
-            let image = CellImage::of(chart.corners_of(cell as u32), &seen);
-            for (x, y) in chart.texels_of(cell as u32) {
-                let colour = image.at(x, y, &seen).map_or([0.0; 3], |at| pyramid.colour(level, at / size));
-                picture.put_pixel(x, y, Rgb(colour.map(|v| (v + 0.5) as u8)));
-            }
+        let has_colours = |cell: usize| chart.cells[cell].n_texels > 0 && is_wanted(cell);
+        let mut first = vec![0];
+        let mut n_texels = 0;
+        for cell in 0..chart.cells.len() {
+            n_texels += if has_colours(cell) { chart.n_texels_of(cell as u32) } else { 0 };
+            first.push(n_texels);
         }
-        let means = (0..chart.cells.len() as u32).map(|cell| mean_of_cell(chart, &picture, cell)).collect();
-        Ok(Colours { picture, means })
+        let mut texels = Vec::with_capacity(n_texels as usize);
+        let mut means = vec![[0.0; 3]; chart.cells.len()];
+        for cell in (0..chart.cells.len()).filter(|cell| first[*cell] < first[cell + 1]) {
+            let image = CellImage::of(chart.corners_of(cell as u32), &seen);
+            let mut sum = [0_u32; 3];
+            for (x, y) in chart.texels_of(cell as u32) {
+                // Beside the surface no colour is asked for.
+                let place = if chart.is_inside(x, y) { image.at(x, y, &seen) } else { None };
+                let colour = place.map_or([0.0; 3], |at| pyramid.colour(level, at / size)).map(|v| (v + 0.5) as u8);
+                sum.iter_mut().zip(colour).for_each(|(sum, value)| *sum += u32::from(value));
+                texels.push(colour);
+            }
+            means[cell] = sum.map(|v| v as f32 / chart.cells[cell].n_texels as f32);
+        }
+        Ok(Colours { texels, first, means })
     };
     places.par_iter().map(of_place).collect()
 }
@@ -207,15 +219,6 @@ impl CellImage {
         let v = f64::from(y - self.first[1]) / self.n_steps[1];
         Some(a.lerp(b, u).lerp(c.lerp(d, u), v))
     }
-}
-
-fn mean_of_cell(chart: &Chart, picture: &RgbImage, cell: u32) -> [f32; 3] {
-    let inside = chart.texels_of(cell).filter(|(x, y)| chart.is_inside(*x, *y));
-    let (n, sum) = inside.fold((0, [0_u32; 3]), |(n, sum), (x, y)| {
-        let of = picture.get_pixel(x, y).0;
-        (n + 1, std::array::from_fn(|c| sum[c] + u32::from(of[c])))
-    });
-    sum.map(|v| v as f32 / n.max(1) as f32)
 }
 
 /// Cells that two candidates both show clearly.
