@@ -9,7 +9,6 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde_json::{Map as JsonMap, Value};
 
-use super::scene::extent;
 use super::settings::{DepthKind, HeightSettings, OutputSettings, PlaceSettings, SceneSettings};
 use super::{FootprintStage, PipelineError};
 use sizeup_footprints::{Footprint, FootprintLayer, attribute, open_layer};
@@ -303,6 +302,12 @@ pub fn check_city(
     let places = &settings.places;
     near_enough(places, survey, Places::new(places, survey, footprints, middles.iter().copied()))?;
     check_kind(settings.depth, survey)
+}
+
+/// Box around footprints, map frame, metres.
+pub(super) fn extent<'a>(polygons: impl Iterator<Item = &'a Polygon<f64>>) -> Option<MapBox> {
+    let corners = polygons.filter_map(geo::BoundingRect::bounding_rect).flat_map(|rect| [rect.min(), rect.max()]);
+    MapBox::around(corners.map(|c| (c.x, c.y)))
 }
 
 fn near_enough(declared: &PlaceSettings<'_>, survey: &Survey, places: Option<Places>) -> Result<(), PipelineError> {

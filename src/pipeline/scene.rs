@@ -6,7 +6,7 @@
 use geo_types::Polygon;
 use glam::DVec3;
 
-use super::checks::{check_views, clearance_m, height_bounds};
+use super::checks::{check_views, clearance_m, extent, height_bounds};
 use super::settings::{GroundSettings, SceneSettings};
 use super::{FootprintStage, HeightStage, PhotoGround, PipelineError, photo_ground};
 use sizeup_footprints::{Footprint, FootprintLayer};
@@ -164,12 +164,6 @@ pub(super) fn origin(survey: &Survey, area: MapBox) -> LocalOrigin {
 /// The corrected terrain slopes under a footprint from so many standard deviations of its level on: within two it may be scatter. Of the
 /// ten buildings of a real flight over level ground, the lowest level under each lay 0.2 to 0.3 m below the level in the middle.
 const SLOPE_SIGMAS: f64 = 2.0;
-
-/// Box around footprints, map frame, metres.
-pub(super) fn extent<'a>(polygons: impl Iterator<Item = &'a Polygon<f64>>) -> Option<MapBox> {
-    let corners = polygons.filter_map(geo::BoundingRect::bounding_rect).flat_map(|rect| [rect.min(), rect.max()]);
-    MapBox::around(corners.map(|c| (c.x, c.y)))
-}
 
 /// Loads the terrain around footprints.
 pub(super) fn load_terrain<'a>(
