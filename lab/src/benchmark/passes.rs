@@ -87,9 +87,10 @@ impl PassesConfig {
         let changes = ["as it is", "roof_forms = []"].map(str::to_owned).to_vec();
         Self {
             towns: vec![TownKind::Village],
-            n_buildings: 8,
+            n_buildings: 12,
             n_views: 24,
-            longest_px: 160,
+            longest_px: 320,
+            level: PriorLevel::Clean,
             changes,
             ..Self::default()
         }
