@@ -393,13 +393,13 @@ fn photos_that_look_straight_down_give_heights_by_stereo_with_an_honest_sigma() 
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path();
     let mut config = small_town();
-    config.town.n_buildings = 16;
-    config.flight.n_views = Some(150);
+    config.town.n_buildings = 9;
+    config.flight.n_views = Some(100);
     config.prior.longest_px = 64;
-    assert_eq!(simulate_from_above(&config, scene).n_views, 30);
+    assert_eq!(simulate_from_above(&config, scene).n_views, 20);
     // Depth that is only near and far shows no heights from above.
     let refused: Outcome = sizeup().arg("run").arg(scene.join("sizeup.toml")).output().unwrap().into();
-    assert!(refused.stderr.contains("none of the 30 views is oblique"), "{}", refused.stderr);
+    assert!(refused.stderr.contains("none of the 20 views is oblique"), "{}", refused.stderr);
     assert!(refused.stderr.contains("prior.source = \"stereo\""), "{}", refused.stderr);
     let result = run(scene, "nadir", &["prior={source=\"stereo\"}"]);
     let evaluation = evaluated(scene, &result);
@@ -407,6 +407,6 @@ fn photos_that_look_straight_down_give_heights_by_stereo_with_an_honest_sigma() 
     let known: Vec<&BuildingError> = evaluation.buildings.iter().filter(|b| b.sigma_m.is_some()).collect();
     let within = known.iter().filter(|b| b.signed_error_m.abs() <= 2.0 * b.sigma_m.unwrap()).count();
     println!("{:.2} m on {} buildings, {within} of {} within 2 sigma", all.error_mean_m, all.n, known.len());
-    assert!(known.len() >= 14 && all.error_mean_m < 0.5, "{} m, {} with a sigma", all.error_mean_m, known.len());
+    assert!(known.len() >= 8 && all.error_mean_m < 0.5, "{} m, {} with a sigma", all.error_mean_m, known.len());
     assert!(within * 10 >= known.len() * 8, "{within} of {} within 2 sigma", known.len());
 }
