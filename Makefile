@@ -61,7 +61,8 @@ test-slow: deps-test ## Run the tests that take half a minute of a processor or 
 
 # The training of footprint networks is a package of its own: the program builds and passes its tests without it. A continuous
 # integration runs this beside `make test`, with the same cache of `target`.
-train-test: deps ## Run the tests of training/ (footprint networks), and its lints
+train-test: deps ## Run the tests of training/ (footprint networks), and its lints; check that fuzz/ builds
+	cd fuzz && CARGO_TARGET_DIR=$(CURDIR)/target $(CARGO) check --locked
 	cd training && CARGO_TARGET_DIR=$(CURDIR)/target $(CARGO) fmt --check
 	cd training && CARGO_TARGET_DIR=$(CURDIR)/target $(CARGO) clippy --release --locked --all-targets -- -D warnings
 	cd training && CARGO_TARGET_DIR=$(CURDIR)/target $(CARGO) test --release --locked

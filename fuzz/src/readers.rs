@@ -390,7 +390,7 @@ fn masks(path: &Path, kind: &str) {
     let settings = format!("path = {path:?}\nkind = {kind:?}\n");
     let config: MaskConfig = toml::from_str(&settings).expect("the settings are sound");
     let Some(masks) = read(MaskFiles::new(config)) else { return };
-    drop(masks.contours(&view(), ContourFineness { min_area_px2: 1.0, tolerance_px: 1.0 }));
+    drop(masks.contours(&view(), ContourFineness { min_area_px2: 1.0, tolerance_px: 1.0, pixel_m: 0.1 }));
 }
 
 fn run_config(path: &Path, bytes: &[u8]) {
