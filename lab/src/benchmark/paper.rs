@@ -229,13 +229,11 @@ impl PaperConfig {
         simulate.points.per_view = (POINTS_PER_BUILDING * simulate.town.n_buildings).div_ceil(n_views);
         let working_px = simulate.prior.longest_px;
         Ok(SceneJob {
-            cameras: None,
-            name: scene.name.to_owned(),
-            simulate,
             variants: self.methods.iter().copied().map(Variant::as_it_is).collect(),
             assignments: vec![format!("optimise.working_px={working_px}")],
             paper_assignments: vec![format!("optimise.views.n_spread={}", scene.n_selected)],
             with_bodies: true,
+            ..SceneJob::of_scene(scene.name, simulate)
         })
     }
 }

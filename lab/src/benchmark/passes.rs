@@ -189,15 +189,7 @@ fn job(config: &PassesConfig, kind: TownKind, name: &str) -> SceneJob {
     (town.camera.width_px, town.camera.height_px) = (config.longest_px, config.longest_px * 3 / 4);
     (town.prior.longest_px, town.prior.level) = (config.longest_px, config.level);
     town.images.enabled = false;
-    SceneJob {
-        name: name.to_owned(),
-        simulate: town,
-        variants: Vec::new(),
-        cameras: None,
-        assignments: Vec::new(),
-        paper_assignments: Vec::new(),
-        with_bodies: false,
-    }
+    SceneJob::of_scene(name, town)
 }
 
 /// Heights of a configuration with each of some changes, added to the rows.

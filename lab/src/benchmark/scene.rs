@@ -66,6 +66,20 @@ pub struct SceneJob {
 }
 
 impl SceneJob {
+    /// A simulated scene with its own flight, and nothing that runs on it yet.
+    #[must_use]
+    pub fn of_scene(name: impl Into<String>, simulate: SimulateConfig) -> Self {
+        Self {
+            name: name.into(),
+            simulate,
+            variants: Vec::new(),
+            cameras: None,
+            assignments: Vec::new(),
+            paper_assignments: Vec::new(),
+            with_bodies: false,
+        }
+    }
+
     fn assignments_of(&self, variant: &Variant) -> Vec<String> {
         let own = if variant.method.selects_as_paper() { &*self.paper_assignments } else { &[] };
         self.assignments.iter().chain(own).chain(&variant.assignments).cloned().collect()

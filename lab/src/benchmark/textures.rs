@@ -168,15 +168,7 @@ fn job(config: &TexturesConfig, kind: TownKind, name: &str) -> SceneJob {
     [town.camera.width_px, town.camera.height_px] = config.photo_px;
     town.images.enabled = true;
     town.prior.longest_px = config.photo_px[0] / 2;
-    SceneJob {
-        name: name.to_owned(),
-        simulate: town,
-        variants: Vec::new(),
-        cameras: None,
-        assignments: Vec::new(),
-        paper_assignments: Vec::new(),
-        with_bodies: false,
-    }
+    SceneJob::of_scene(name, town)
 }
 
 /// Both methods on the result of a configuration.

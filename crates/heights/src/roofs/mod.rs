@@ -244,7 +244,7 @@ pub(crate) struct Judged {
     pub rivals: Vec<(Roof, f64)>,
     /// Mean score of the one that is taken, flat or not; `None` where too few views tell.
     pub score: Option<f64>,
-    /// How certain the form of the one that is taken is, 0 to 1; `None` where too few views tell, or nothing is known of such forms.
+    /// How certain the form of the one that is taken is, 0 to 1; `None` where too few views tell.
     pub certainty: Option<f64>,
 }
 

@@ -218,15 +218,9 @@ impl StudyConfig {
         (simulate.prior.level, simulate.prior.longest_px) = (self.level, self.longest_px);
         (simulate.camera.width_px, simulate.camera.height_px) = (self.longest_px, self.longest_px * 3 / 4);
         simulate.images.enabled = false;
-        SceneJob {
-            name: format!("study-{}-{}-seed{seed}", word(&town), word(&self.level)),
-            simulate,
-            variants: Vec::new(),
-            cameras: None,
-            assignments: vec![format!("optimise.working_px={}", self.longest_px)],
-            paper_assignments: Vec::new(),
-            with_bodies: false,
-        }
+        let name = format!("study-{}-{}-seed{seed}", word(&town), word(&self.level));
+        let assignments = vec![format!("optimise.working_px={}", self.longest_px)];
+        SceneJob { assignments, ..SceneJob::of_scene(name, simulate) }
     }
 }
 
