@@ -16,7 +16,7 @@ done
 
 target=${CARGO_TARGET_DIR:-$PWD/target}
 program=${1:-$target/release/sizeup}
-[ $# -gt 0 ] || ${CARGO:-cargo} build --release --locked
+[ $# -gt 0 ] || ${CARGO:-cargo} build --release --locked --features full
 [ -x "$program" ] || fail "no program at $program"
 version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -1)
 [ "$("$program" --version)" = "sizeup $version" ] || fail "$program is $("$program" --version), this is $version"

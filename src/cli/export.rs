@@ -13,7 +13,9 @@ use sizeup_results::output::read::{LAYERED_RESULTS, RESULTS, ReadOptions, Record
 use sizeup_results::output::textured::TexturedCity;
 use sizeup_results::output::tiles3d::{self, Heights, Precision, Tiles3dConfig};
 use sizeup_results::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records};
-use sizeup_results::output::{citygml, csv, dxf, flatcitybuf, flatgeobuf, geojson, kml, mesh};
+#[cfg(feature = "flatcitybuf")]
+use sizeup_results::output::flatcitybuf;
+use sizeup_results::output::{citygml, csv, dxf, flatgeobuf, geojson, kml, mesh};
 use sizeup_survey::Survey;
 
 /// Arguments of `sizeup export`.
@@ -73,6 +75,7 @@ pub enum ExportFormat {
     #[value(name = "cityjsonseq")]
     CityJsonSeq,
     /// FlatCityBuf, CityJSON in one file for the web: .fcb.
+    #[cfg(feature = "flatcitybuf")]
     #[value(name = "flatcitybuf")]
     FlatCityBuf,
     /// GeoPackage, styled for QGIS: .gpkg.
@@ -195,6 +198,7 @@ impl ExportFormat {
         match self {
             Self::CityJson => Some("json"),
             Self::CityJsonSeq => Some("jsonl"),
+            #[cfg(feature = "flatcitybuf")]
             Self::FlatCityBuf => Some("fcb"),
             Self::GeoPackage => Some("gpkg"),
             Self::FlatGeobuf => Some("fgb"),
@@ -220,6 +224,9 @@ fn format_of(path: &Path) -> Result<ExportFormat, Failure> {
     let text = match extension.as_str() {
         "parquet" | "geoparquet" => format!(
             "cannot write {name}: Parquet is not among our formats\nhint: write .gpkg or .fgb, and convert it with ogr2ogr of a GDAL built with Arrow"
+        ),
+        "fcb" => format!(
+            "cannot write {name}: this program was built without FlatCityBuf\nhint: `cargo build --release --features full` builds all in, as the packages have it"
         ),
         "" => format!("cannot tell the format of {name}\nhint: name it with --to, as in --to 3dtiles"),
         _ => {
@@ -247,6 +254,7 @@ fn write<R: Records + ?Sized>(
     match format {
         ExportFormat::CityJson => cityjson::write(path, model, &cityjson),
         ExportFormat::CityJsonSeq => cityjson::write_sequence(path, model, &cityjson),
+        #[cfg(feature = "flatcitybuf")]
         ExportFormat::FlatCityBuf => flatcitybuf::write(path, model, &cityjson),
         ExportFormat::GeoPackage => {
             let overview = geopackage::write(path, model, &GeoPackageConfig::default())?;

@@ -7,15 +7,13 @@ use serde::Serialize;
 
 use super::super::ui::warn_of_unfinished;
 use super::super::{Failure, Global, print, print_json};
+use super::form::Form;
 use sizeup_geo::unfinished::told_of;
 use sizeup_results::output::read::{CITYJSON_RESULTS, result_file};
-use sizeup_results::output::validate::schema::{self, SchemaCheck, SchemaFault};
 use sizeup_results::output::validate::{Fault, ValidateConfig, Validation, validate_file};
 
 /// Faults that are printed one by one unless all are asked for.
 const N_PRINTED: usize = 20;
-/// Faults of form after which the rest of a sequence is passed over unless all are asked for.
-const MAX_FAULTS: usize = 200;
 /// The file holds faults.
 const EXIT_INVALID: u8 = 3;
 
@@ -44,10 +42,10 @@ pub(super) fn run(path: &Path, args: &CityArgs, global: &Global) -> Result<u8, F
     }
     let file = result_file(path, CITYJSON_RESULTS).map_err(|e| Failure::new(3, &e))?;
     warn_of_unfinished(&file, global);
-    let form = if args.no_schema { None } else { Some(check_form(&file, args)?) };
+    let form = if args.no_schema { None } else { Some(Form::check(&file, args.all)?) };
     let n_printed = if args.all { usize::MAX } else { N_PRINTED };
     if let Some(form) = form.as_ref().filter(|_| !global.json) {
-        print(&form_lines(form, n_printed))?;
+        print(&form.lines(n_printed))?;
     }
     let config = ValidateConfig {
         snap_tolerance_m: args.snap_tolerance,
@@ -55,7 +53,7 @@ pub(super) fn run(path: &Path, args: &CityArgs, global: &Global) -> Result<u8, F
         ..ValidateConfig::default()
     };
     let solids = validate_file(&file, &config).map_err(|e| Failure::new(3, &e))?;
-    let is_valid = solids.is_valid() && form.as_ref().is_none_or(|form| form.errors.is_empty());
+    let is_valid = solids.is_valid() && form.as_ref().is_none_or(|form| form.is_sound());
     if global.json {
         print_json(&ValidationOutcome { solids, form, unfinished: told_of(&file) })?;
     } else {
@@ -64,40 +62,16 @@ pub(super) fn run(path: &Path, args: &CityArgs, global: &Global) -> Result<u8, F
     Ok(if is_valid { 0 } else { EXIT_INVALID })
 }
 
-fn check_form(file: &Path, args: &CityArgs) -> Result<SchemaCheck, Failure> {
-    let max_faults = if args.all { usize::MAX } else { MAX_FAULTS };
-    schema::check_until(file, max_faults).map_err(|e| Failure::new(3, &e))
-}
-
 /// Both checks as JSON.
 #[derive(Serialize)]
 struct ValidationOutcome {
     #[serde(flatten)]
     solids: Validation,
     #[serde(skip_serializing_if = "Option::is_none")]
-    form: Option<SchemaCheck>,
+    form: Option<Form>,
     /// The first line of the mark of a writer that has not come to its end.
     #[serde(skip_serializing_if = "Option::is_none")]
     unfinished: Option<String>,
-}
-
-/// Findings on the form, as lines.
-fn form_lines(form: &SchemaCheck, n_printed: usize) -> String {
-    let mut lines = vec![format!("form: {} errors, {} warnings", form.errors.len(), form.warnings.len())];
-    if form.n_features_checked < form.n_features {
-        lines.push(format!(
-            "after these, the form of the other features was not looked at: {} out of {}; --all looks at every one",
-            form.n_features_checked, form.n_features
-        ));
-    }
-    for (what, faults) in [("error", &form.errors), ("warning", &form.warnings)] {
-        for SchemaFault { check, line, message } in faults.iter().take(n_printed) {
-            let line = line.map_or_else(String::new, |line| format!(" line {line}"));
-            lines.push(format!("{what} {check}{line}: {message}"));
-        }
-        lines.extend(more(faults.len(), n_printed));
-    }
-    lines.join("\n")
 }
 
 /// Findings on the solids, as lines.
@@ -118,7 +92,7 @@ fn solid_lines(outcome: &Validation, n_printed: usize) -> String {
 }
 
 /// How many faults are not printed, where some are not.
-fn more(n: usize, n_printed: usize) -> Option<String> {
+pub(super) fn more(n: usize, n_printed: usize) -> Option<String> {
     (n > n_printed).then(|| format!("… and {} more: --all prints them, --json too", n - n_printed))
 }
 

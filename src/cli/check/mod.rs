@@ -1,6 +1,11 @@
 //! `sizeup check`: the machine, a configuration, or a city.
 
 mod city;
+#[cfg(feature = "cjval")]
+mod form;
+#[cfg(not(feature = "cjval"))]
+#[path = "no_form.rs"]
+mod form;
 mod setup;
 
 use std::path::{Path, PathBuf};

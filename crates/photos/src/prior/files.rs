@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use zip::ZipArchive;
 
 use super::array::{MapShape, most_values};
-use super::{DepthPrior, PriorError, PriorGeometry, PriorKind, PriorSource, exr_map, npy, pfm};
+use super::{DepthPrior, PriorError, PriorGeometry, PriorKind, PriorSource, npy, pfm};
 use sizeup_geo::files::is_virtual;
 use sizeup_geo::geodata::raster::RasterFile;
 use sizeup_geo::paths::within;
@@ -226,7 +226,10 @@ impl FilePriors {
             "npy" => open().and_then(|file| npy::read_map(file, most, |n| self.index_in_stack(&view.id, n))),
             "npz" => open().and_then(|file| self.read_npz(file, most, &view.id)),
             "pfm" => open().and_then(|file| pfm::read(file, most)),
-            "exr" => open().and_then(|file| exr_map::read_map(file, most, self.config.key.as_deref())),
+            #[cfg(feature = "exr")]
+            "exr" => open().and_then(|file| super::exr_map::read_map(file, most, self.config.key.as_deref())),
+            #[cfg(not(feature = "exr"))]
+            "exr" => Err("this program was built without OpenEXR (`cargo build --features full` has it)".to_owned()),
             "tif" | "tiff" | "png" => return self.read_image(path, view),
             _ => Err("its format is unknown, expected .npy, .npz, .tif, .tiff, .png (16 bit), .pfm or .exr".to_owned()),
         };

@@ -8,6 +8,7 @@ mod array;
 mod auto;
 mod cache;
 mod check;
+#[cfg(feature = "exr")]
 mod exr_map;
 pub mod files;
 mod neighbours;

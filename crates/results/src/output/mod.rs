@@ -6,7 +6,7 @@
 //! | `CityGML` 2.0 | [`citygml`] | agencies and databases that take GML |
 //! | CityJSONSeq 2.0 | [`cityjson::write_sequence`] | streams, tilers |
 //! | GeoPackage 1.2 | [`geopackage`] | QGIS, any GIS |
-//! | FlatCityBuf | [`flatcitybuf`] | solids over the web, one file |
+//! | FlatCityBuf | `flatcitybuf`, with the feature of that name | solids over the web, one file |
 //! | FlatGeobuf | [`flatgeobuf`] | footprints and heights over the web |
 //! | GeoJSON | [`geojson`] | footprints and heights in longitude and latitude, for web maps |
 //! | 3D Tiles 1.1 | [`tiles3d`] | Cesium, digital twins |
@@ -36,6 +36,7 @@ pub mod dxf;
 mod error;
 mod facts;
 pub mod fallback;
+#[cfg(feature = "flatcitybuf")]
 pub mod flatcitybuf;
 pub mod flatgeobuf;
 pub mod footprint;

@@ -1,4 +1,4 @@
-//! Geometric checks (and in [`schema`] formal ones) of any `CityJSON` solid or surface, with val3dity's codes and the place of each fault.
+//! Geometric checks (and in `schema`, with the feature `cjval`, formal ones) of any `CityJSON` solid or surface, with val3dity's codes and the place of each fault.
 //!
 //! Definitions follow ISO 19107 as val3dity reads it (Ledoux 2018, doi:10.1186/s40965-018-0043-x). Each level is only
 //! checked where the level below is sound: rings, then faces, then shells, then solids.
@@ -11,11 +11,15 @@
 //! Vertices closer than the snap tolerance count as one. Within a face, positions are projected along the axis nearest
 //! to its normal and rounded to a tenth of the tolerance; all further decisions there are exact.
 
+#[cfg(feature = "cjval")]
 mod document;
 mod face;
+#[cfg(feature = "cjval")]
 mod granted;
+#[cfg(feature = "cjval")]
 mod merge;
 mod parts;
+#[cfg(feature = "cjval")]
 pub mod schema;
 mod shell;
 mod snap;

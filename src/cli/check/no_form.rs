@@ -1,0 +1,27 @@
+//! What stands for [`super::form`] where the program is built without cjval.
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::super::Failure;
+
+/// There is none.
+#[derive(Serialize)]
+pub(super) enum Form {}
+
+impl Form {
+    /// Refuses.
+    pub(super) fn check(_: &Path, _: bool) -> Result<Self, Failure> {
+        let text = "this program was built without the check of a file's form (cjval)\nhint: --no-schema checks the solids alone; `cargo build --release --features full` builds all in";
+        Err(Failure::from_text(2, text))
+    }
+
+    pub(super) fn is_sound(&self) -> bool {
+        match *self {}
+    }
+
+    pub(super) fn lines(&self, _: usize) -> String {
+        match *self {}
+    }
+}
