@@ -256,7 +256,7 @@ mod tests {
         ("footprints.path=\"b.gpkg\"", Some(Stage::Footprints), true),
         ("terrain.vertical_offset_m=1.0", Some(Stage::Footprints), true),
         ("terrain.constant_m=4.0", Some(Stage::Survey), true),
-        ("dtm.spacing_m=20.0", Some(Stage::Footprints), true),
+        ("dtm.within_m=20.0", Some(Stage::Footprints), true),
         ("ground.reference=\"mean\"", Some(Stage::Footprints), true),
         ("heights.max_m=12.0", Some(Stage::Heights), true),
         ("prior.kind=\"inverse_depth\"", Some(Stage::Heights), true),
@@ -288,7 +288,7 @@ mod tests {
             assert_eq!(why.is_some(), is_of_part, "{change}, a part: {why:?}");
             seen.insert(change.split(['.', '=']).next().unwrap_or_default().to_owned(), true);
         }
-        let Value::Object(tables) = json!(with(&["dtm.spacing_m=20.0", "reviews.path=\"reviews.geojson\""])) else {
+        let Value::Object(tables) = json!(with(&["dtm.within_m=20.0", "reviews.path=\"reviews.geojson\""])) else {
             panic!("a configuration is a table")
         };
         let forgotten: Vec<&String> = tables.keys().filter(|name| !seen.contains_key(*name)).collect();

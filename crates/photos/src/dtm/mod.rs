@@ -47,16 +47,17 @@ pub(crate) const MIN_MARGIN: f64 = 0.1;
 /// How the ground is found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-#[schemars(extend("x-expert" = true))]
 pub struct DtmConfig {
     /// The ground is somewhere within this of the rough level, metres. Above 0.
-    #[schemars(extend("x-expert" = false))]
     pub within_m: f64,
     /// From one square to the next, metres. Above 0.
+    #[serde(skip)]
     pub spacing_m: f64,
     /// Cells of the model, metres. Above 0.
+    #[serde(skip)]
     pub cell_m: f64,
     /// How far beyond the footprints the model reaches, metres. At least 0.
+    #[serde(skip)]
     pub margin_m: f64,
 }
 
