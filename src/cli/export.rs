@@ -155,7 +155,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
     let Overview { n_buildings, n_heights, .. } = overview;
     let ui = Ui::new(global);
     if format == ExportFormat::FlatGeobuf && overview.n_without_footprint > 0 {
-        ui.say(format!("{} buildings have no footprint, and so no place in FlatGeobuf", overview.n_without_footprint));
+        ui.warn(format!("{} buildings have no footprint, and so no place in FlatGeobuf", overview.n_without_footprint));
     }
     ui.say(format!("{n_buildings} buildings, {n_heights} with a height, in {}", args.output.display()));
     if global.json {
