@@ -35,7 +35,7 @@ deps-onnxruntime: ## Fetch ONNX Runtime's library into target/onnxruntime: faste
 deps-val3dity: ## Build val3dity, a validator of solids by others, from its source into target/tools (ten minutes)
 	@tools/deps.sh val3dity
 
-deps-citygml: ## Fetch the official schemas of CityGML 3.0 into target/tools, by Maven
+deps-citygml: ## Fetch the official schemas of CityGML 3.0 into target/tools, from the source of citygml4j
 	@tools/deps.sh citygml
 
 deps-networks: ## Install PyTorch and what exports the real architectures of depth networks, into target/networks

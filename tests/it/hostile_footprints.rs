@@ -11,7 +11,7 @@ use sizeup::footprint::clean::{CleaningRules, clean};
 use sizeup::footprint::{FootprintConfig, MAX_AREA_CHANGE, read};
 use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::validate::{ValidateConfig, validate_file};
-use sizeup::output::{BuildingRecord, CityModel, Lineage, Status};
+use sizeup::output::{BuildingRecord, CityModel, Lineage};
 use sizeup::survey::Survey;
 
 use crate::shared_data::shared_data;

@@ -59,29 +59,31 @@ impl Address {
 
     /// Returns xAL 2.0's element of it, in the order of the schema.
     pub fn to_xal2(&self) -> String {
-        let street = element("ThoroughfareNumber", &self.number) + &element("ThoroughfareName", &self.street);
+        let street = element("ThoroughfareNumber", self.number.as_deref())
+            + &element("ThoroughfareName", self.street.as_deref());
         let street = within("Thoroughfare", " Type=\"Street\"", &street);
-        let postcode = within("PostalCode", "", &element("PostalCodeNumber", &self.postcode));
-        let place = element("LocalityName", &self.place) + &street + &postcode;
-        let country = element("CountryNameCode", &self.country) + &within("Locality", " Type=\"Town\"", &place);
+        let postcode = within("PostalCode", "", &element("PostalCodeNumber", self.postcode.as_deref()));
+        let place = element("LocalityName", self.place.as_deref()) + &street + &postcode;
+        let country =
+            element("CountryNameCode", self.country.as_deref()) + &within("Locality", " Type=\"Town\"", &place);
         within("AddressDetails", "", &format!("<xAL:Country>{country}</xAL:Country>"))
     }
 
     /// Returns xAL 3.0's element of it, in the order of the schema.
     pub fn to_xal3(&self) -> String {
-        let street = element("NameElement", &self.street) + &element("Number", &self.number);
+        let street = element("NameElement", self.street.as_deref()) + &element("Number", self.number.as_deref());
         let parts = [
-            within("Country", "", &element("NameElement", &self.country)),
-            within("Locality", " xAL:Type=\"Town\"", &element("NameElement", &self.place)),
+            within("Country", "", &element("NameElement", self.country.as_deref())),
+            within("Locality", " xAL:Type=\"Town\"", &element("NameElement", self.place.as_deref())),
             within("Thoroughfare", " xAL:Type=\"Street\"", &street),
-            within("PostCode", "", &element("Identifier", &self.postcode)),
+            within("PostCode", "", &element("Identifier", self.postcode.as_deref())),
         ];
         within("Address", "", &parts.concat())
     }
 }
 
-fn element(name: &str, text: &Option<String>) -> String {
-    text.as_ref().map_or_else(String::new, |text| format!("<xAL:{name}>{}</xAL:{name}>", escape(text)))
+fn element(name: &str, text: Option<&str>) -> String {
+    text.map_or_else(String::new, |text| format!("<xAL:{name}>{}</xAL:{name}>", escape(text)))
 }
 
 /// An element with others in it; nothing around nothing.
