@@ -272,7 +272,7 @@ class Program(unittest.TestCase):
             sizeup.export(self.demo / "nowhere.gpkg", target / "city.obj")
 
     def test_a_result_is_compared_with_the_truth_and_with_itself(self):
-        city, truth = sizeup.read(self.demo / "result"), self.demo / "scene" / "buildings_truth.geojson"
+        city, truth = sizeup.read(self.demo / "result"), self.demo / "scene" / "truth.geojson"
         measures = sizeup.evaluate(city, truth, heights_only=True)
         told = program("evaluate", str(self.demo / "result"), str(truth), "--heights-only", "--json")
         self.assertEqual(measures, json.loads(told.stdout))
