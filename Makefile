@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-val3dity deps-networks deps-features networks demo test test-slow lint bench accuracy accuracy-footprints docs schemas qgis-plugin train-test deb wheel test-python test-packages clean
+.PHONY: fuzz help deps deps-test deps-python deps-qgis deps-web deps-batch deps-onnxruntime deps-val3dity deps-citygml deps-networks deps-features networks demo test test-slow lint bench accuracy accuracy-footprints docs schemas qgis-plugin train-test deb wheel test-python test-packages clean
 
 CARGO ?= cargo
 DEMO_DIR ?= sizeup-demo
@@ -34,6 +34,9 @@ deps-onnxruntime: ## Fetch ONNX Runtime's library into target/onnxruntime: faste
 
 deps-val3dity: ## Build val3dity, a validator of solids by others, from its source into target/tools (ten minutes)
 	@tools/deps.sh val3dity
+
+deps-citygml: ## Fetch the official schemas of CityGML 3.0 into target/tools, from the source of citygml4j
+	@tools/deps.sh citygml
 
 deps-networks: ## Install PyTorch and what exports the real architectures of depth networks, into target/networks
 	@tools/deps.sh networks

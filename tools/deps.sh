@@ -12,6 +12,8 @@
 #   tools/deps.sh val3dity a validator of solids, built from its source into target/tools/val3dity (some ten minutes of one
 #                         processor): no registry has it. The source is fetched from GitHub, or is a folder named by
 #                         VAL3DITY_SOURCE; without it the tests that need it say "skipped". Never part of another target
+#   tools/deps.sh citygml the official schemas of CityGML 3.0 with all that they import, in target/tools/citygml (3 MB), from the source of
+#                         citygml4j: from GitHub, or a folder named by CITYGML4J_SOURCE; without it the test that needs them says "skipped"
 #   tools/deps.sh networks PyTorch and transformers (500 MB on disk), which export real architectures with random weights
 #   tools/deps.sh features PyTorch, transformers 5, Depth Anything 3 and SAM 3's own code in target/features, which compute the frozen
 #                         features of the paper's footprint network: on Linux 6 GB on disk, less with PYTORCH_INDEX; likewise
@@ -28,7 +30,7 @@ readonly SNAKEMAKE=9.27.1 SNAKEMAKE_SLURM=2.8.0 SNAKEMAKE_KUBERNETES=0.5.1 SNAKE
 readonly KUBERNETES_VALIDATE=1.37.0 PYGMENTS=2.21.0
 readonly ONNXRUNTIME=1.31.1 TRANSFORMERS=4.48.3 ONNX=1.17.0 DEPTH_ANYTHING_3=0.1.1
 readonly TORCH=2.15.0 TORCHVISION=0.29.2 TRANSFORMERS_5=5.24.0 ONNX_5=1.23.2 ONNXSCRIPT=0.7.2 OPENCV=5.0.0.93 SAM3=0.1.4
-readonly VAL3DITY=2.6.0 PYSFCGAL=2.3.0 CITYSMITH=0.2.0
+readonly VAL3DITY=2.6.0 PYSFCGAL=2.3.0 CITYSMITH=0.2.0 CITYGML4J=3.4.1
 readonly CJIO=0.10.1 FLATCITYBUF=0.5.2 CESIUM=1.145.0 GLTF_VALIDATOR=2.0.0-dev.3.10 TILES_VALIDATOR=0.6.1 PLAYWRIGHT=1.65.1 AXE=4.14.1
 tools="$(cd "$(dirname "$0")/.." && pwd)/target/tools"
 readonly tools
@@ -212,6 +214,24 @@ val3dity() {
   rm -rf "$work"
 }
 
+citygml() {
+  [ -e "$tools/citygml/$CITYGML4J" ] && return 0
+  local work schemas=citygml4j-xml/src/main/resources/org/citygml4j/schemas
+  work=$(mktemp -d)
+  local source="${CITYGML4J_SOURCE:-$work/source}"
+  if [ -z "${CITYGML4J_SOURCE:-}" ]; then
+    command -v git >/dev/null || install_packages git
+    say "fetching the schemas of CityGML 3.0 from citygml4j $CITYGML4J"
+    { git clone --quiet --depth 1 --filter=blob:none --sparse --branch "v$CITYGML4J" https://github.com/citygml4j/citygml4j "$source" &&
+      git -C "$source" sparse-checkout set "$schemas"; } ||
+      fail "its source could not be fetched: name a folder with it, CITYGML4J_SOURCE=FOLDER make deps-citygml"
+  fi
+  mkdir -p "$tools/citygml"
+  cp -r "$source/$schemas/." "$tools/citygml"
+  rm -rf "$work"
+  touch "$tools/citygml/$CITYGML4J"
+}
+
 networks() {
   local folder=target/networks
   "$folder/bin/python" -c 'import torch, transformers, onnx, einops, omegaconf' 2>/dev/null && return 0
@@ -273,6 +293,7 @@ case "${1:-build}" in
   networks) networks ;;
   features) features ;;
   val3dity) val3dity ;;
+  citygml) citygml ;;
   wheel) wheel_tools ;;
-  *) fail "usage: tools/deps.sh build|test|wheel|python|qgis|web|batch|onnxruntime|val3dity|networks|features|docs" ;;
+  *) fail "usage: tools/deps.sh build|test|wheel|python|qgis|web|batch|onnxruntime|val3dity|citygml|networks|features|docs" ;;
 esac

@@ -155,7 +155,7 @@ fn task(
                 "give the terrain's height at the building, metres in the map's vertical datum",
             ));
         }
-        Ok(Building { footprint: footprint(i, rings)?, ground: GroundLevel { reference_m, lowest_m } })
+        Ok(Building { footprint: footprint(i, rings)?, ground: GroundLevel { lowest_m, ..GroundLevel::flat(reference_m) } })
     };
     let buildings =
         footprints.iter().zip(&question.ground_m).enumerate().map(building).collect::<Result<Vec<_>, _>>()?;

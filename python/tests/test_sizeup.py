@@ -1,12 +1,15 @@
 """The package as installed: `python -m unittest discover python/tests`."""
 
+import inspect
 import json
 import pathlib
+import re
 import runpy
 import subprocess
 import sys
 import tempfile
 import unittest
+import warnings
 
 import numpy as np
 
@@ -213,6 +216,88 @@ class Program(unittest.TestCase):
                 with self.assertWarnsRegex(UserWarning, "is not finished: a run was started") as caught:
                     self.assertEqual(len(sizeup.read(path)), self.n_parts)
                 self.assertEqual(len(caught.warnings), 1)
+        finally:
+            mark.unlink()
+
+    def test_a_folder_becomes_a_project_with_the_words_of_the_program(self):
+        scene, config = self.demo / "scene", self.demo / "begun.toml"
+        stated = {"crs": "EPSG:25832", "offset": (565000.0, 5932000.0, 0.0)}
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            project = sizeup.init(scene, output=config, **stated)
+        self.assertEqual((project.config, project.is_complete, project.missing), (config, True, ()))
+        self.assertEqual([str(warning.message) for warning in caught], list(project.warnings))
+        self.assertEqual({warning.filename for warning in caught} - {__file__}, set(), "warned of where the user called")
+        written = config.read_text(encoding="utf-8")
+        words = ["--output", str(config), "--crs", "EPSG:25832", "--offset", "565000,5932000,0", "--force", "--json"]
+        told = program("init", str(scene), *words)
+        self.assertEqual(config.read_text(encoding="utf-8"), written)
+        begun = json.loads(told.stdout)
+        self.assertEqual(list(project.warnings), begun["warnings"])
+        self.assertEqual(project.found["poses"], begun["poses"])
+        with self.assertRaisesRegex(sizeup.ConfigurationError, "exists, and is not overwritten") as refused:
+            sizeup.init(scene, output=config, **stated)
+        self.assertIn("--force", refused.exception.hint)
+        summary = sizeup.run(config, output=self.demo / "of init", settings={"refinement.enabled": False, "align.when": "never"}).summary
+        self.assertEqual(summary["n_buildings"], 41)
+
+    def test_what_a_folder_lacks_is_in_the_answer(self):
+        project = sizeup.init(self.demo / "scene" / "sparse", output=self.demo / "lacking.toml", force=True)
+        self.assertFalse(project.is_complete)
+        self.assertTrue(all(lack.what and lack.why and lack.how for lack in project.missing))
+        self.assertTrue(project.missing[0].what in project.config.read_text(encoding="utf-8"))
+        with self.assertRaises(sizeup.InputError) as refused:
+            sizeup.init(self.demo / "result" / "nothing here", output=self.demo / "none.toml")
+        self.assertEqual(refused.exception.code, 3)
+
+    def test_a_city_is_exported_as_the_program_does(self):
+        city = sizeup.read(self.demo / "result")
+        target = self.demo / "exports"
+        target.mkdir()
+        self.assertEqual(city.export(target / "city.gml"), target / "city.gml")
+        program("export", str(self.demo / "result"), str(target / "program.gml"))
+        self.assertEqual((target / "city.gml").read_bytes(), (target / "program.gml").read_bytes())
+        again = sizeup.read(sizeup.export(city, target / "again.gpkg", project=True))
+        self.assertEqual([b.id for b in again], [b.id for b in city])
+        self.assertTrue((target / "again.qgs").is_file())
+        sizeup.export(self.demo / "result", target / "cameras.geojson", layer="cameras")
+        cameras = json.loads((target / "cameras.geojson").read_text(encoding="utf-8"))["features"]
+        self.assertEqual(len(cameras), city.summary["n_views"])
+        city.export(target / "tiles", to="3dtiles", geoid_height=45.5)
+        self.assertTrue((target / "tiles" / "tileset.json").is_file())
+        with self.assertRaisesRegex(sizeup.ConfigurationError, "Parquet") as refused:
+            city.export(target / "city.parquet")
+        self.assertIn("ogr2ogr", refused.exception.hint)
+        with self.assertRaises(sizeup.InputError):
+            sizeup.export(self.demo / "nowhere.gpkg", target / "city.obj")
+
+    def test_a_result_is_compared_with_the_truth_and_with_itself(self):
+        city, truth = sizeup.read(self.demo / "result"), self.demo / "scene" / "truth.geojson"
+        measures = sizeup.evaluate(city, truth, heights_only=True)
+        told = program("evaluate", str(self.demo / "result"), str(truth), "--heights-only", "--json")
+        self.assertEqual(measures, json.loads(told.stdout))
+        with self.assertRaisesRegex(sizeup.ConfigurationError, "0 to 100"):
+            sizeup.evaluate(city, truth, roof_percentile=101)
+        report = sizeup.changes(city, self.demo / "result" / "city.gpkg", self.demo / "changes", least_m=1.0)
+        self.assertEqual(report["config"]["least_m"], 1.0)
+        self.assertEqual({change["class"] for change in report["changes"]} - {"same", "unsure"}, set())
+        self.assertEqual(sum(report["counts"].values()), len(report["changes"]))
+
+    def test_keywords_are_the_options_of_the_program(self):
+        for command in ("init", "export", "evaluate", "changes"):
+            own = program(command, "--help").stdout.split("Everywhere:")[0]
+            stated = set(re.findall(r"^ +(?:-\w, )?--([a-z0-9-]+)", own, re.MULTILINE)) - {"help", "version"}
+            taken = set(inspect.signature(getattr(sizeup, command)).parameters)
+            files = {"folder", "city", "result", "truth", "old", "new"} | ({"output"} if command == "export" else set())
+            self.assertEqual({name.replace("_", "-") for name in taken - files}, stated, command)
+
+    def test_warnings_of_the_program_are_pythons(self):
+        mark = self.demo / "result" / "UNFINISHED.txt"
+        mark.write_text("a run was started and has not come to its end\n", encoding="utf-8")
+        try:
+            with self.assertWarnsRegex(UserWarning, "is not finished: a run was started") as caught:
+                sizeup.export(self.demo / "result", self.demo / "unfinished.csv")
+            self.assertEqual((caught.filename, len(caught.warnings)), (__file__, 1))
         finally:
             mark.unlink()
 

@@ -165,7 +165,7 @@ fn views_of(result: &Path, global: &Global) -> Vec<View> {
     match config.and_then(|config| RunSettings::of(&config).survey().map_err(|e| e.to_string())) {
         Ok(survey) => survey.views,
         Err(why) => {
-            Ui::new(global).say(format!("warning: no building is pictured in its photos: {why}"));
+            Ui::new(global).warn(format!("no building is pictured in its photos: {why}"));
             Vec::new()
         }
     }
@@ -203,8 +203,7 @@ fn in_photos(args: &EvaluateArgs, global: &Global) -> Result<u8, Failure> {
     }
     if n_listed < truth.len() {
         let n = truth.len() - n_listed;
-        Ui::new(global)
-            .say(format!("warning: {n} of {} photos are not in the result: nothing found there", truth.len()));
+        Ui::new(global).warn(format!("{n} of {} photos are not in the result: nothing found there", truth.len()));
     }
     let report = evaluate_photos(&photos);
     if global.json {

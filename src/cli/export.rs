@@ -25,6 +25,7 @@ use sizeup_survey::Survey;
   sizeup export result/city.gpkg city.city.jsonl
   sizeup export result/city.gpkg city.geojson      longitude and latitude, for web maps
   sizeup export result/city.gpkg issues.geojson --layer qa_issues
+  sizeup export result city.gml --to citygml3      CityGML 3.0; without --to it is 2.0
   sizeup export lod2.city.json lod1.city.json      anybody's file: blocks of the mean roof height
   sizeup export result/city.city.json tiles --to 3dtiles --geoid-height 45.5
 
@@ -90,6 +91,9 @@ pub enum ExportFormat {
     /// CityGML 2.0, blocks and roofs with heights, roof types and storeys: .gml.
     #[value(name = "citygml")]
     CityGml,
+    /// CityGML 3.0, the same by the newer standard; only where it is named.
+    #[value(name = "citygml3")]
+    CityGml3,
     /// OBJ, triangles of all solids for modelling; with an .mtl beside it where there are textures: .obj.
     #[value(name = "obj")]
     Obj,
@@ -158,7 +162,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global) -> Result<u8, Failure> {
     let Overview { n_buildings, n_heights, .. } = overview;
     let ui = Ui::new(global);
     if format == ExportFormat::FlatGeobuf && overview.n_without_footprint > 0 {
-        ui.say(format!("{} buildings have no footprint, and so no place in FlatGeobuf", overview.n_without_footprint));
+        ui.warn(format!("{} buildings have no footprint, and so no place in FlatGeobuf", overview.n_without_footprint));
     }
     ui.say(format!("{n_buildings} buildings, {n_heights} with a height, in {}", args.output.display()));
     if global.json {
@@ -193,7 +197,7 @@ fn export_layer(args: &ExportArgs, format: ExportFormat, layer: &str, global: &G
 }
 
 impl ExportFormat {
-    /// Extension of its files, lower case; `None` for a folder.
+    /// Extension of its files, lower case; `None` for a folder, and where another format has it.
     fn extension(self) -> Option<&'static str> {
         match self {
             Self::CityJson => Some("json"),
@@ -209,7 +213,7 @@ impl ExportFormat {
             Self::Dxf => Some("dxf"),
             Self::Kml => Some("kml"),
             Self::Csv => Some("csv"),
-            Self::Tiles3d => None,
+            Self::CityGml3 | Self::Tiles3d => None,
         }
     }
 }
@@ -268,7 +272,8 @@ fn write<R: Records + ?Sized>(
         }
         ExportFormat::FlatGeobuf => flatgeobuf::write(path, model),
         ExportFormat::GeoJson => geojson::write(path, model),
-        ExportFormat::CityGml => citygml::write(path, model),
+        ExportFormat::CityGml => citygml::write(path, model, citygml::Edition::V2),
+        ExportFormat::CityGml3 => citygml::write(path, model, citygml::Edition::V3),
         ExportFormat::Obj => match TexturedCity::of_result(&args.input)? {
             Some(textured) => mesh::write_textured_obj(path, model, &textured),
             None => mesh::write_obj(path, model),

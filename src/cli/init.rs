@@ -83,7 +83,7 @@ fn tell(begun: &Beginning, ui: &Ui) {
     of_flight.into_iter().for_each(say_lack);
     tell_found(begun, ui);
     for warning in &begun.warnings {
-        ui.say(format!("warning: {warning}"));
+        ui.warn(warning);
     }
     others.into_iter().for_each(say_lack);
     ui.say(format!("{} written", begun.config.display()));

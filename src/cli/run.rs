@@ -187,7 +187,7 @@ pub(super) fn report_summary(ui: &Ui, summary: Result<RunSummary, PipelineError>
 pub fn tell_summary(ui: &Ui, summary: &RunSummary) {
     let seconds: Vec<String> = summary.seconds.iter().map(|(stage, s)| format!("{stage} {s:.1} s")).collect();
     for doubt in &summary.implausible {
-        ui.say(format!("THE RESULT IS IMPLAUSIBLE: {doubt}"));
+        ui.warn(format!("THE RESULT IS IMPLAUSIBLE: {doubt}"));
     }
     ui.say(format!(
         "{}, {} ({} oblique), {} used",

@@ -32,7 +32,7 @@ pub(super) fn start_logging(global: &Global) {
 pub(super) fn warn_of_unfinished(path: &std::path::Path, global: &Global) {
     if let Some(told) = sizeup_geo::unfinished::told_of(path) {
         let name = sizeup_geo::unfinished::NAME;
-        Ui::new(global).say(format!("warning: {} is not finished: {told}; see {name} beside it", path.display()));
+        Ui::new(global).warn(format!("{} is not finished: {told}; see {name} beside it", path.display()));
     }
 }
 
@@ -68,13 +68,22 @@ impl Ui {
 
     /// One line of talk.
     pub fn say(&self, text: impl std::fmt::Display) {
+        self.message(MessageLevel::Info, "", &text);
+    }
+
+    /// A warning: in lines it begins with that word, in events it has that level.
+    pub fn warn(&self, text: impl std::fmt::Display) {
+        self.message(MessageLevel::Warning, "warning: ", &text);
+    }
+
+    fn message(&self, level: MessageLevel, mark: &str, text: &dyn std::fmt::Display) {
         if self.is_quiet {
             return;
         }
         match &self.voice {
-            Voice::Bar(bar) => bar.suspend(|| talk(&text)),
-            Voice::Lines(_) => talk(&text),
-            Voice::Events(_) => ProgressEvent::Message { level: MessageLevel::Info, message: text.to_string() }.emit(),
+            Voice::Bar(bar) => bar.suspend(|| talk(&format_args!("{mark}{text}"))),
+            Voice::Lines(_) => talk(&format_args!("{mark}{text}")),
+            Voice::Events(_) => ProgressEvent::Message { level, message: text.to_string() }.emit(),
         }
     }
 
@@ -127,8 +136,8 @@ impl Ui {
         let (work, done, total) = match event {
             Event::Stage(stage) => return self.advance(stage.name(), 0, 0),
             Event::PriorsDoubted { n_views } => {
-                return self.say(format!(
-                    "warning: the depth priors of {n_views} photos looked at do not follow the ground: is `prior.kind` \
+                return self.warn(format!(
+                    "the depth priors of {n_views} photos looked at do not follow the ground: is `prior.kind` \
                      right, and do the files belong to these photos?"
                 ));
             }

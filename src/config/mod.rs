@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 pub(crate) use advice::nearest;
 pub use folder::ResultFolder;
 use schemars::JsonSchema;
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
+use serde::de::{DeserializeOwned, Error as _};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use sizeup_footprints::FootprintSource;
 use sizeup_geo::crs::Crs;
@@ -135,8 +135,17 @@ pub struct ProjectConfig {
     #[serde(default = "default_output")]
     pub output: PathBuf,
     /// The day the data stands for, `YYYY-MM-DD`, written into the results.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, deserialize_with = "day", skip_serializing_if = "Option::is_none")]
     pub reference_date: Option<String>,
+}
+
+/// Reads a day: CityJSON, CityGML and GeoPackage take nothing else.
+fn day<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String>, D::Error> {
+    let text = String::deserialize(deserializer)?;
+    match text.parse::<toml::value::Datetime>() {
+        Ok(toml::value::Datetime { date: Some(_), time: None, offset: None }) => Ok(Some(text)),
+        _ => Err(D::Error::custom(format!("expected a day such as \"2026-05-01\", found \"{text}\""))),
+    }
 }
 
 impl ProjectConfig {
@@ -494,6 +503,16 @@ mod tests {
         let error = load(&MINIMAL.replace("source = \"files\"", ""), &[]).unwrap_err().to_string();
         for source in ["\"files\"", "\"network\"", "\"stereo\""] {
             assert!(error.contains(source), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_reference_date_is_a_day_that_files_can_state() {
+        let date = |text: &str| load(MINIMAL, &[&format!("project.reference_date=\"{text}\"")]);
+        assert_eq!(date("2026-05-01").unwrap().project.reference_date.as_deref(), Some("2026-05-01"));
+        for wrong in ["May 2026", "2026-5-1", "2026-02-30", "2026-05-01T12:00:00", ""] {
+            let error = date(wrong).unwrap_err().to_string();
+            assert!(error.contains("expected a day such as \"2026-05-01\"") && error.contains(wrong), "{error}");
         }
     }
 

@@ -15,7 +15,7 @@ use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::geopackage::{self, GeoPackageConfig};
 use sizeup::output::read::{FoundBuildings, ReadOptions, RecordFile};
 use sizeup::output::tiles3d::{self, Heights, Tiles3dConfig};
-use sizeup::output::{BuildingRecord, CityModel, HeightReference, Lineage, OutputError, Records, Status, flatgeobuf};
+use sizeup::output::{BuildingRecord, CityModel, Lineage, OutputError, Records, flatgeobuf};
 use sizeup::survey::Survey;
 
 /// L-shaped houses on a grid of 30 m, every tenth with a courtyard, made when they are asked for.
@@ -41,23 +41,10 @@ fn house(i: usize, side: usize) -> BuildingRecord {
         polygon![(x: x, y: y), (x: x + 20.0, y: y), (x: x + 20.0, y: y + 10.0), (x: x + 12.0, y: y + 10.0), (x: x + 12.0, y: y + 22.0), (x: x, y: y + 22.0)]
     };
     BuildingRecord {
-        id: format!("house-{i:07}"),
-        part_of: None,
-        footprint: Some(footprint),
-        ground_z_m: Some(101.25),
         base_z_m: Some(100.75),
-        height_m: Some(5.0 + (i % 97) as f64 * 0.31),
         height_sigma_m: Some(0.4),
-        roof_sigma_m: None,
-        ground_sigma_m: None,
-        party_wall_m2: None,
-        footprint_shift: None,
-        height_reference: HeightReference::Mean,
-        roof: None,
-        status: Status::Measured,
-        reasons: Vec::new(),
         views: vec!["IMG_0001.JPG".to_owned(), "IMG_0002.JPG".to_owned(), "IMG_0003.JPG".to_owned()],
-        attributes: serde_json::Map::new(),
+        ..BuildingRecord::measured(format!("house-{i:07}"), footprint, 101.25, 5.0 + (i % 97) as f64 * 0.31)
     }
 }
 

@@ -21,7 +21,7 @@ pub fn town(side: u32, n_stations: u32) -> (Scene, Vec<f32>, Vec<ViewInput>) {
         })
         .collect();
     let truth = (0..side * side).map(|i| 5.0 + (i * 13 % 40) as f32).collect();
-    let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+    let ground = GroundLevel::flat(0.0);
     let footprints: Vec<_> = polygons.iter().map(|p| (p, ground)).collect();
     let bounds = HeightBounds { min_m: 2.0, max_m: 120.0 };
     let scene = Scene::new(&footprints, &Terrain::Constant(0.0), bounds, 500.0);

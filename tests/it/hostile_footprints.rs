@@ -11,7 +11,7 @@ use sizeup::footprint::clean::{CleaningRules, clean};
 use sizeup::footprint::{FootprintConfig, MAX_AREA_CHANGE, read};
 use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::validate::{ValidateConfig, validate_file};
-use sizeup::output::{BuildingRecord, CityModel, HeightReference, Lineage, Status};
+use sizeup::output::{BuildingRecord, CityModel, Lineage};
 use sizeup::survey::Survey;
 
 use crate::shared_data::shared_data;
@@ -26,25 +26,7 @@ fn rules() -> CleaningRules {
 }
 
 pub fn block(id: &str, footprint: Polygon<f64>, height_m: f64) -> BuildingRecord {
-    BuildingRecord {
-        id: id.to_owned(),
-        part_of: None,
-        footprint: Some(footprint),
-        ground_z_m: Some(22.0),
-        base_z_m: Some(21.7),
-        height_m: Some(height_m),
-        height_sigma_m: None,
-        roof_sigma_m: None,
-        ground_sigma_m: None,
-        height_reference: HeightReference::Mean,
-        roof: None,
-        party_wall_m2: None,
-        footprint_shift: None,
-        status: Status::Measured,
-        reasons: Vec::new(),
-        views: Vec::new(),
-        attributes: serde_json::Map::new(),
-    }
+    BuildingRecord { base_z_m: Some(21.7), ..BuildingRecord::measured(id, footprint, 22.0, height_m) }
 }
 
 /// Writes blocks, and says what our validator finds in the file: number and building.

@@ -6,6 +6,7 @@ mod align;
 mod annexes;
 mod batch;
 mod changes;
+mod citygml;
 mod cityjson_of_others;
 mod cli;
 mod consumers;

@@ -17,7 +17,7 @@ use sizeup::output::cityjson::{self, CityJsonConfig};
 use sizeup::output::geopackage::{self, GeoPackageConfig};
 use sizeup::output::read::{FoundBuildings, ReadOptions};
 use sizeup::output::validate::ValidateConfig;
-use sizeup::output::{BuildingRecord, CityModel, HeightReference, InputFile, Lineage, RoofForm, RoofShape, Status};
+use sizeup::output::{BuildingRecord, CityModel, InputFile, Lineage, RoofForm, RoofShape, Status};
 use sizeup::survey::{Survey, View};
 
 /// A small town with one building of every kind.
@@ -44,26 +44,19 @@ impl Town {
 pub fn building(id: &str, footprint: Option<Polygon<f64>>, height_m: Option<f64>, status: Status) -> BuildingRecord {
     let attributes = json!({ "street": "Zürich \"A\"", "floors": 3, "height_m": 9.9, "tags": ["x", 1], "share": 0.5 });
     BuildingRecord {
-        id: id.to_owned(),
-        part_of: None,
         footprint,
         ground_z_m: Some(12.0),
         base_z_m: Some(11.4),
+        ground_ends_z_m: Some([11.4, 12.9]),
         height_m,
         height_sigma_m: height_m.map(|_| 0.31),
-        roof_sigma_m: None,
-        ground_sigma_m: None,
-        party_wall_m2: None,
-        footprint_shift: None,
-        height_reference: HeightReference::Mean,
-        roof: None,
-        status,
         reasons: if status == Status::Measured { Vec::new() } else { vec!["too_few_views".to_owned()] },
         views: vec!["a.jpg".to_owned(), "b.jpg".to_owned()],
         attributes: match attributes {
             Value::Object(attributes) => attributes,
             _ => Map::new(),
         },
+        ..BuildingRecord::without_height(id, status)
     }
 }
 
@@ -78,6 +71,7 @@ pub fn town() -> Town {
     let mut refused = building("no footprint", None, None, Status::Refused);
     refused.ground_z_m = None;
     refused.base_z_m = None;
+    refused.ground_ends_z_m = None;
     let gable = BuildingRecord {
         roof: Some(RoofShape::new(RoofForm::Gable, 6.0, 9.0)),
         ..building("row 2", Some(rectangle(10.0, 0.0, 10.0, 8.0)), Some(7.5), Status::Measured)

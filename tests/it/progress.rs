@@ -101,3 +101,17 @@ fn quiet_leaves_the_end_alone() {
     let outcome = scene.run(&["--progress", "json", "--quiet", "--until", "survey"]);
     assert_eq!(events(&outcome).iter().map(|e| e["event"].as_str().unwrap()).collect::<Vec<_>>(), ["done"]);
 }
+
+#[test]
+fn a_warning_is_a_message_of_that_level_without_the_word() {
+    let scene = Scene::new();
+    fs::create_dir_all(scene.path("result")).unwrap();
+    fs::write(scene.path("result/city.city.json"), "{}").unwrap();
+    fs::write(scene.path("result/UNFINISHED.txt"), "a run was started\n").unwrap();
+    let outcome = scene.sizeup(&["export", "result", "city.gpkg", "--progress", "json"]);
+    let told = &events(&outcome)[0];
+    assert_eq!((&told["event"], &told["level"]), (&"message".into(), &"warning".into()), "{}", outcome.stderr);
+    assert!(told["message"].as_str().unwrap().starts_with("result/city.city.json is not finished: a run was started"));
+    let outcome = scene.sizeup(&["export", "result", "city.gpkg"]);
+    assert!(outcome.stderr.starts_with("warning: result/city.city.json is not finished"), "{}", outcome.stderr);
+}

@@ -41,7 +41,7 @@ fn block_of(is_listed: impl Fn(usize) -> bool) -> Block {
     }
     polygons.push(polygon![(x: 14.0, y: 0.0), (x: 24.0, y: 0.0), (x: 24.0, y: 11.0), (x: 14.0, y: 11.0)]);
     truth_m.push(12.0);
-    let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+    let ground = GroundLevel::flat(0.0);
     let listed: Vec<usize> = (0..polygons.len()).filter(|&i| is_listed(i)).collect();
     let truth_m = listed.iter().map(|&i| truth_m[i]).collect();
     let footprints: Vec<_> = listed.iter().map(|&i| (&polygons[i], ground)).collect();
@@ -158,7 +158,7 @@ fn crowns_over_roofs_are_left_out_and_a_green_roof_is_not() {
         *truth_m = 4.0 + (i * 11 % 7) as f32;
     }
     let green_house = block.truth_m.len() - 1;
-    let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+    let ground = GroundLevel::flat(0.0);
     let with_tree: Vec<usize> = (0..green_house).step_by(2).collect();
     let crown = |b: &usize| -> Polygon<f64> {
         let corners = block.scene.prisms[*b].edges().map(|(corner, _)| corner);
@@ -349,7 +349,7 @@ fn rows_under_narrow_cameras() -> Block {
         polygons.push(polygon![(x: x, y: y), (x: x + 9.0, y: y), (x: x + 9.0, y: y + 11.0), (x: x, y: y + 11.0)]);
         block.truth_m.push(9.0 + (i * 7 % 6) as f32);
     }
-    let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+    let ground = GroundLevel::flat(0.0);
     let footprints: Vec<_> = polygons.iter().map(|p| (p, ground)).collect();
     let bounds = HeightBounds { min_m: 2.0, max_m: 150.0 };
     block.scene = Scene::new(&footprints, &Terrain::Constant(0.0), bounds, 600.0);
@@ -532,7 +532,7 @@ fn a_building_larger_than_any_view_is_not_measured_by_chance() {
     let mut block = block();
     let hall: Polygon<f64> =
         polygon![(x: -400.0, y: -400.0), (x: 500.0, y: -400.0), (x: 500.0, y: 500.0), (x: -400.0, y: 500.0)];
-    let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+    let ground = GroundLevel::flat(0.0);
     let views = std::mem::take(&mut block.views);
     let origin = block.scene.origin;
     block.scene = Scene::at(origin, &[(&hall, ground)], &Terrain::Constant(0.0), block.scene.bounds, 300.0);
@@ -550,7 +550,7 @@ fn ground_that_is_not_known_leaves_central_differences_finite() {
     let block = block();
     let dem = sizeup::terrain::Dem::new(Raster::filled(12, 12, 0.0), -10.0, 60.0, 5.0, 5.0).unwrap();
     let polygons: Vec<Polygon<f64>> = block.scene.prisms.iter().map(polygon_of).collect();
-    let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+    let ground = GroundLevel::flat(0.0);
     let footprints: Vec<_> = polygons.iter().map(|p| (p, ground)).collect();
     let scene = Scene::at(block.scene.origin, &footprints, &Terrain::Grid(dem), block.scene.bounds, 300.0);
     let priors = block.priors(|d| d);

@@ -6,15 +6,19 @@ use gdal::DriverManager;
 use gdal::raster::Buffer;
 use gdal::spatial_ref::SpatialRef;
 use geo::Area as _;
+use geo::line_measures::{Densify as _, Euclidean};
 use sizeup::crs::{Crs, Transform};
 use sizeup::footprint::FootprintConfig;
 use sizeup::geodata::raster::{CellWindow, RasterFile, Resampling};
+use sizeup::output::Records as _;
+use sizeup::output::read::{ReadOptions, RecordFile};
 use sizeup::stats;
 use sizeup::terrain::{
     GroundConfig, MapBox, Terrain, TerrainConfig, TerrainError, ground_under, load, load_with_issues,
 };
 
 use crate::shared_data::shared_data;
+use crate::tiny_scene::Scene;
 
 fn crs(definition: &str) -> Crs {
     Crs::parse(definition).unwrap()
@@ -303,4 +307,42 @@ fn averages_of_cells_are_those_of_gdal() {
     let gdal = file.read_window(1, whole, (20, 20), Resampling::Average).unwrap();
     let differences = dem.heights_m().data().iter().zip(gdal.data()).map(|(a, b)| (a - b).abs());
     assert!(dem.heights_m().width() == 20 && differences.fold(0.0, f32::max) < 1e-4);
+}
+
+/// Height of a raster between the centres of four cells, by its definition.
+fn between_cells(cells: &Buffer<f64>, [west, size_m, north]: [f64; 3], x: f64, y: f64) -> f64 {
+    let (width, _) = cells.shape();
+    let (col, row) = ((x - west) / size_m - 0.5, (north - y) / size_m - 0.5);
+    let at = |dc: f64, dr: f64| cells.data()[(row.floor() + dr) as usize * width + (col.floor() + dc) as usize];
+    let (u, v) = (col.fract(), row.fract());
+    let upper = (1.0 - u) * at(0.0, 0.0) + u * at(1.0, 0.0);
+    (1.0 - v) * upper + v * ((1.0 - u) * at(0.0, 1.0) + u * at(1.0, 1.0))
+}
+
+#[test]
+fn a_run_states_the_lowest_and_the_highest_ground_along_each_outline() {
+    let scene = Scene::new();
+    assert_eq!(scene.run(&[]).code, 0);
+    let dtm = gdal::Dataset::open(scene.path("dtm.tif")).unwrap();
+    let [west, size_m, _, north, _, down_m] = dtm.geo_transform().unwrap();
+    assert_eq!(size_m, -down_m);
+    let band = dtm.rasterband(1).unwrap();
+    let cells = band.read_as::<f64>((0, 0), band.size(), band.size(), None).unwrap();
+    let mut falls_m = Vec::new();
+    let file = RecordFile::open(&scene.path("result/city.gpkg"), ReadOptions::default()).unwrap();
+    file.visit(&mut |record| {
+        let outline = record.footprint.as_ref().unwrap().exterior();
+        let places = Euclidean.densify(outline, 0.05);
+        let ground = places.0.iter().map(|at| between_cells(&cells, [west, size_m, north], at.x, at.y));
+        let ground: Vec<f64> = ground.collect();
+        let [low_m, high_m] =
+            [ground.iter().copied().fold(f64::INFINITY, f64::min), ground.iter().copied().fold(f64::MIN, f64::max)];
+        let [stated_low_m, stated_high_m] = record.ground_ends_z_m.unwrap();
+        // A metre between places; the file has millimetres.
+        assert!((stated_low_m - low_m).abs() < 0.01 && (stated_high_m - high_m).abs() < 0.01, "{record:?}");
+        falls_m.push(high_m - low_m);
+        Ok(())
+    })
+    .unwrap();
+    assert!(falls_m.len() >= 6 && falls_m.iter().any(|fall_m| *fall_m > 0.2), "{falls_m:?}");
 }

@@ -147,8 +147,8 @@ fn tell_programs(ui: &Ui, programs: &Programs) {
     let n_outdated = programs.n_outdated();
     if n_outdated > 0 {
         let n: usize = programs.n_outcomes.values().sum();
-        ui.say(format!(
-            "warning: {n_outdated} of {n} outcomes were made by another program than this one ({}); --again {OUTDATED} makes \
+        ui.warn(format!(
+            "{n_outdated} of {n} outcomes were made by another program than this one ({}); --again {OUTDATED} makes \
              them anew",
             programs.written_by
         ));

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from . import _native
 from ._errors import InputError
+from ._export import export as _export
+from ._program import warn
 
 if TYPE_CHECKING:
     import geopandas
@@ -131,6 +132,9 @@ class City:
         have none. They are made from the file at :attr:`path`."""
         return {id: Solid(**solid) for id, solid in json.loads(_native.read_solids(self.path)).items()}
 
+    export = _export
+    """:func:`sizeup.export` of the file at :attr:`path`: ``city.export("city.gml")``."""
+
 
 def read(path: str | os.PathLike[str]) -> City:
     """Reads a city: the folder of a run, its GeoPackage or CityJSON, or anybody's file with heights.
@@ -144,7 +148,7 @@ def read(path: str | os.PathLike[str]) -> City:
     mark = (path if path.is_dir() else path.parent) / "UNFINISHED.txt"
     if mark.is_file():
         told = (mark.read_text(encoding="utf-8").splitlines() or ["its writer has not come to its end"])[0]
-        warnings.warn(f"{path} is not finished: {told}", stacklevel=2)
+        warn(f"{path} is not finished: {told}")
     if path.is_dir():
         return _read_run(path)
     return _read_file(path)

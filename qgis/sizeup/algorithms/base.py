@@ -34,8 +34,6 @@ ICON = Path(__file__).parents[1] / "icon.svg"
 # Where the settings and copies of layers lie, within the folder of results.
 INPUT = "input"
 SETTINGS_FILE = "sizeup.toml"
-# Before messages that the program shows as warnings.
-WARNING = "warning: "
 # Finished, but some items of the input have no result.
 FAILED_ITEMS = 5
 # The program's mark of results that were being replaced when it ended.
@@ -145,8 +143,8 @@ class SizeupAlgorithm(QgsProcessingAlgorithm, Speaks):
         level, text = event.get("level", "info"), in_words_of_the_dialog(event["message"])
         if level == "error":
             feedback.reportError(text)
-        elif level == "warning" or text.startswith(WARNING):
-            self.warn_once(text[len(WARNING):] if text.startswith(WARNING) else text, feedback)
+        elif level == "warning":
+            self.warn_once(text, feedback)
         else:
             feedback.pushInfo(text)
 

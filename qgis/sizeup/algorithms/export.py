@@ -17,10 +17,10 @@ from .. import results
 from ..layers import crs_text
 from .base import SizeupAlgorithm
 
-FORMATS = ("cityjson", "cityjsonseq", "geopackage", "flatgeobuf", "flatcitybuf", "geojson", "citygml", "obj", "stl", "dxf", "kml", "csv", "3dtiles")
+FORMATS = ("cityjson", "cityjsonseq", "geopackage", "flatgeobuf", "flatcitybuf", "geojson", "citygml", "citygml3", "obj", "stl", "dxf", "kml", "csv", "3dtiles")
 ENDINGS = {
     "cityjson": ".city.json", "cityjsonseq": ".city.jsonl", "geopackage": ".gpkg", "flatgeobuf": ".fgb", "flatcitybuf": ".fcb", "geojson": ".geojson",
-    "citygml": ".gml", "obj": ".obj", "stl": ".stl", "dxf": ".dxf", "kml": ".kml", "csv": ".csv",
+    "citygml": ".gml", "citygml3": ".gml", "obj": ".obj", "stl": ".stl", "dxf": ".dxf", "kml": ".kml", "csv": ".csv",
 }
 NAMES = ("sizeup", "3dbag")
 
@@ -51,8 +51,8 @@ class ExportCity(SizeupAlgorithm):
         self.addParameter(QgsProcessingParameterEnum(
             "FORMAT", self.tr("Format"),
             [
-                "CityJSON", "CityJSONSeq", "GeoPackage", "FlatGeobuf", "FlatCityBuf", "GeoJSON", "CityGML", self.tr("OBJ (modelling)"),
-                self.tr("STL (printers)"), self.tr("DXF (CAD)"), self.tr("KML (globes)"), self.tr("CSV (tables)"),
+                "CityJSON", "CityJSONSeq", "GeoPackage", "FlatGeobuf", "FlatCityBuf", "GeoJSON", "CityGML 2.0", "CityGML 3.0",
+                self.tr("OBJ (modelling)"), self.tr("STL (printers)"), self.tr("DXF (CAD)"), self.tr("KML (globes)"), self.tr("CSV (tables)"),
                 self.tr("3D Tiles (a folder)"),
             ], defaultValue=0,
         ))

@@ -75,6 +75,7 @@ fn found(
                 footprint: Some(footprint.polygon.clone()),
                 ground_z_m: ground.map(|g| g.reference_m),
                 base_z_m: ground.map(|g| g.lowest_m),
+                ground_ends_z_m: ground.and_then(|g| g.outline_m),
                 height_m: solved.and_then(|s| s.height_m),
                 height_sigma_m: solved.and_then(|s| s.sigma_m),
                 roof_sigma_m: solved.and_then(|s| s.sigma_m),

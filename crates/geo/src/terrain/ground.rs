@@ -53,11 +53,14 @@ pub fn ground_under(
     config: GroundConfig,
 ) -> (Option<GroundLevel>, Option<Issue>) {
     if let Terrain::Constant(z_m) = *terrain {
-        return (Some(GroundLevel { reference_m: z_m, lowest_m: z_m }), None);
+        return (Some(GroundLevel::flat(z_m)), None);
     }
     let heights =
         |points: &[Coord<f64>]| -> Vec<f64> { points.iter().filter_map(|p| terrain.height_at(p.x, p.y)).collect() };
-    let points = samples(footprint, SPACING_M);
+    let spacing_m = SPACING_M.max((footprint.unsigned_area() / MAX_SAMPLES).sqrt());
+    let mut points = along_outline(footprint, spacing_m);
+    let outline = heights(&points);
+    points.extend(inside(footprint, spacing_m));
     let found = heights(&points);
     let tell = |severity, code, message: String| {
         let issue = Issue::new(severity, code, Subject::Building(id.to_string()), message);
@@ -67,6 +70,7 @@ pub fn ground_under(
         }
     };
     if let Some(level) = level(&found, config.reference) {
+        let level = GroundLevel { outline_m: ends(&outline), ..level };
         let is_complete = found.len() == points.len();
         let gaps =
             format!("the terrain has no value at {} of {} places under it", points.len() - found.len(), points.len());
@@ -89,26 +93,32 @@ fn level(heights_m: &[f64], reference: GroundReference) -> Option<GroundLevel> {
         GroundReference::Mean => stats::mean(heights_m)?,
         GroundReference::Percentile(p) => stats::quantile(heights_m, p / 100.0)?,
     };
-    Some(GroundLevel { reference_m, lowest_m })
+    Some(GroundLevel { reference_m, lowest_m, outline_m: None })
 }
 
-/// Corners, points along all rings, and a lattice inside.
-fn samples(footprint: &Polygon<f64>, spacing_m: f64) -> Vec<Coord<f64>> {
-    let spacing_m = spacing_m.max((footprint.unsigned_area() / MAX_SAMPLES).sqrt());
+/// The lowest and the highest of some heights.
+fn ends(heights_m: &[f64]) -> Option<[f64; 2]> {
+    let end = |further: fn(f64, f64) -> f64| heights_m.iter().copied().reduce(further);
+    Some([end(f64::min)?, end(f64::max)?])
+}
+
+/// Corners, and points along all rings.
+fn along_outline(footprint: &Polygon<f64>, spacing_m: f64) -> Vec<Coord<f64>> {
     let rings = std::iter::once(footprint.exterior()).chain(footprint.interiors());
-    let mut points: Vec<Coord<f64>> =
-        rings.flat_map(|ring| Euclidean.densify(ring, spacing_m).into_inner().into_iter().skip(1)).collect();
-    if let Some(bounds) = footprint.bounding_rect() {
-        let count = |extent_m: f64| (extent_m / spacing_m).ceil().max(1.0) as usize;
-        let (n_x, n_y) = (count(bounds.width()), count(bounds.height()));
-        let middle = |i: usize, n: usize, extent_m: f64| (i as f64 + 0.5) / n as f64 * extent_m;
-        let lattice = (0..n_y).flat_map(|j| (0..n_x).map(move |i| (i, j))).map(|(i, j)| Coord {
-            x: bounds.min().x + middle(i, n_x, bounds.width()),
-            y: bounds.min().y + middle(j, n_y, bounds.height()),
-        });
-        points.extend(lattice.filter(|point| footprint.contains(point)));
-    }
-    points
+    rings.flat_map(|ring| Euclidean.densify(ring, spacing_m).into_inner().into_iter().skip(1)).collect()
+}
+
+/// A lattice inside.
+fn inside(footprint: &Polygon<f64>, spacing_m: f64) -> Vec<Coord<f64>> {
+    let Some(bounds) = footprint.bounding_rect() else { return Vec::new() };
+    let count = |extent_m: f64| (extent_m / spacing_m).ceil().max(1.0) as usize;
+    let (n_x, n_y) = (count(bounds.width()), count(bounds.height()));
+    let middle = |i: usize, n: usize, extent_m: f64| (i as f64 + 0.5) / n as f64 * extent_m;
+    let lattice = (0..n_y).flat_map(|j| (0..n_x).map(move |i| (i, j))).map(|(i, j)| Coord {
+        x: bounds.min().x + middle(i, n_x, bounds.width()),
+        y: bounds.min().y + middle(j, n_y, bounds.height()),
+    });
+    lattice.filter(|point| footprint.contains(point)).collect()
 }
 
 /// The nearest frame around the building's bounds that meets any terrain, and how far out it is.
@@ -171,6 +181,25 @@ mod tests {
         // Nothing within 50 m of the house's eastern wall at 20 m.
         let (level, issue) = under(&slope(90), 0.0, GroundReference::Lowest);
         assert_eq!((level, issue.unwrap().code.as_str()), (None, "ground_unknown"));
+    }
+
+    #[test]
+    fn the_outline_has_its_own_ends_whatever_lies_inside() {
+        let ends = |west_m| under(&slope(0), west_m, GroundReference::Mean).0.unwrap().outline_m.unwrap();
+        let [low_m, high_m] = ends(30.0);
+        assert!((low_m - 3.0).abs() < 1e-3 && (high_m - 5.0).abs() < 1e-3, "{low_m} {high_m}");
+        // A pit of 3 m in a court that the outline does not touch is no ground at the walls, but walls end below it.
+        let Terrain::Grid(dem) = slope(0) else { unreachable!() };
+        let height = |i: usize, z_m: f32| {
+            if (38..42).contains(&(i % 100)) && (53..57).contains(&(i / 100)) { z_m - 3.0 } else { z_m }
+        };
+        let dug = dem.heights_m().data().iter().enumerate().map(|(i, z_m)| height(i, *z_m)).collect();
+        let dug = Terrain::Grid(Dem::new(Raster::from_vec(100, 100, dug).unwrap(), 0.0, 100.0, 1.0, 1.0).unwrap());
+        let level = under(&dug, 30.0, GroundReference::Lowest).0.unwrap();
+        assert_eq!(level.outline_m, Some([low_m, high_m]));
+        assert!((level.lowest_m - 0.9).abs() < 0.06, "{}", level.lowest_m);
+        // Ground from around says nothing of the walls.
+        assert_eq!(under(&slope(60), 30.0, GroundReference::Lowest).0.unwrap().outline_m, None);
     }
 
     #[test]

@@ -242,7 +242,7 @@ mod tests {
             star,
         ];
         let footprints: Vec<_> =
-            polygons.iter().map(|p| (p, GroundLevel { reference_m: 0.5, lowest_m: 0.0 })).collect();
+            polygons.iter().map(|p| (p, GroundLevel { lowest_m: 0.0, ..GroundLevel::flat(0.5) })).collect();
         Scene::new(&footprints, terrain, HeightBounds { min_m: 2.0, max_m: 60.0 }, 150.0)
     }
 
@@ -382,7 +382,7 @@ mod tests {
     #[test]
     fn of_two_walls_in_one_place_the_first_building_is_seen() {
         let square = polygon![(x: 0.0, y: 0.0), (x: 10.0, y: 0.0), (x: 10.0, y: 10.0), (x: 0.0, y: 10.0)];
-        let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+        let ground = GroundLevel::flat(0.0);
         let bounds = HeightBounds { min_m: 2.0, max_m: 60.0 };
         let scene = Scene::new(&[(&square, ground), (&square, ground)], &Terrain::Constant(0.0), bounds, 50.0);
         let image = SceneTracer::new(&scene, &[20.0, 20.0]).render(&camera(&scene, 0.3, 0.7, 80.0));

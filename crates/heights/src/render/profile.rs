@@ -399,7 +399,7 @@ mod tests {
         // Two that share a wall, one apart, one overlapping it.
         let polygons =
             [square(0.0, 0.0, 12.0), square(12.0, 0.0, 9.0), square(0.0, 25.0, 15.0), square(10.0, 30.0, 12.0)];
-        let ground = GroundLevel { reference_m: 0.5, lowest_m: 0.0 };
+        let ground = GroundLevel { lowest_m: 0.0, ..GroundLevel::flat(0.5) };
         let footprints: Vec<_> = polygons.iter().map(|p| (p, ground)).collect();
         Scene::new(&footprints, &Terrain::Constant(0.0), HeightBounds { min_m: 2.0, max_m: 60.0 }, 100.0)
     }
@@ -449,7 +449,7 @@ mod tests {
         let heights = Raster::from_vec(60, 60, (0..3600).map(z).collect()).unwrap();
         let hills = Terrain::Grid(Dem::new(heights, -110.0, 140.0, 4.0, 4.0).unwrap());
         let square = |x: f64| polygon![(x: x, y: 0.0), (x: x + 9.0, y: 0.0), (x: x + 9.0, y: 9.0), (x: x, y: 9.0)];
-        let ground = GroundLevel { reference_m: 0.5, lowest_m: -2.0 };
+        let ground = GroundLevel { lowest_m: -2.0, ..GroundLevel::flat(0.5) };
         // The one in the middle goes: the same piece of terrain is cut out.
         let [left, middle, right] = [0.0, 14.0, 28.0].map(square);
         let before = Scene::new(&[(&left, ground), (&middle, ground), (&right, ground)], &hills, bounds, 60.0);

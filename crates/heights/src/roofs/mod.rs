@@ -392,7 +392,7 @@ mod tests {
     #[test]
     fn a_shed_has_places_clear_of_its_walls_too() {
         let shed = polygon![(x: 0.0, y: 0.0), (x: 3.5, y: 0.0), (x: 3.5, y: 1.6), (x: 0.0, y: 1.6)];
-        let prism = Prism::new(&shed, GroundLevel { reference_m: 0.0, lowest_m: 0.0 }, LocalOrigin(glam::DVec3::ZERO));
+        let prism = Prism::new(&shed, GroundLevel::flat(0.0), LocalOrigin(glam::DVec3::ZERO));
         let all = candidates(&prism, &Roof::flat(2.5), 0.7, 300);
         let (_, places) = all.first().expect("the flat roof");
         let clear_m = places.iter().map(|p| p.x.min(3.5 - p.x).min(p.y).min(1.6 - p.y)).fold(f32::INFINITY, f32::min);
@@ -402,8 +402,7 @@ mod tests {
     #[test]
     fn a_stepped_roof_is_looked_at_on_both_of_its_levels() {
         let square = polygon![(x: 0.0, y: 0.0), (x: 20.0, y: 0.0), (x: 20.0, y: 20.0), (x: 0.0, y: 20.0)];
-        let prism =
-            Prism::new(&square, GroundLevel { reference_m: 5.0, lowest_m: 5.0 }, LocalOrigin(glam::DVec3::ZERO));
+        let prism = Prism::new(&square, GroundLevel::flat(5.0), LocalOrigin(glam::DVec3::ZERO));
         let corners = [[4.0, 4.0], [10.0, 4.0], [10.0, 12.0], [4.0, 12.0]];
         for is_upper in [true, false] {
             let terrace = Some(Terrace { corners, is_upper });

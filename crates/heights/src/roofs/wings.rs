@@ -276,7 +276,7 @@ pub(crate) mod tests {
         let (sin, cos) = turn_rad.sin_cos();
         let turned = |&(x, y): &(f64, f64)| Coord { x: cos * x - sin * y, y: sin * x + cos * y };
         let polygon = Polygon::new(LineString::new(corners.iter().map(turned).collect()), Vec::new());
-        Prism::new(&polygon, GroundLevel { reference_m: 0.0, lowest_m: 0.0 }, LocalOrigin(DVec3::ZERO))
+        Prism::new(&polygon, GroundLevel::flat(0.0), LocalOrigin(DVec3::ZERO))
     }
 
     /// A house of 12 by 8 m with a wing of 6 by 5 m on its south side, its west end in line with the house's.

@@ -65,7 +65,7 @@ impl Prism {
     /// The same on the same ground with another footprint, map frame.
     #[must_use]
     pub fn with_footprint(&self, polygon: &Polygon<f64>, origin: LocalOrigin) -> Self {
-        let anywhere = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+        let anywhere = GroundLevel::flat(0.0);
         Self { ground_z: self.ground_z, base_z: self.base_z, ..Self::new(polygon, anywhere, origin) }
     }
 
@@ -276,7 +276,7 @@ mod tests {
             exterior: [(x: 0.0, y: 0.0), (x: 10.0, y: 0.0), (x: 10.0, y: 10.0), (x: 0.0, y: 10.0)],
             interiors: [[(x: 3.0, y: 3.0), (x: 3.0, y: 7.0), (x: 7.0, y: 7.0), (x: 7.0, y: 3.0)]],
         );
-        Prism::new(&polygon, GroundLevel { reference_m: 1.0, lowest_m: 0.0 }, LocalOrigin(glam::DVec3::ZERO))
+        Prism::new(&polygon, GroundLevel { lowest_m: 0.0, ..GroundLevel::flat(1.0) }, LocalOrigin(glam::DVec3::ZERO))
     }
 
     fn intervals(origin: [f32; 3], direction: [f32; 3]) -> Vec<(f32, f32)> {

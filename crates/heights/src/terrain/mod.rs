@@ -17,19 +17,25 @@ pub struct GroundLevel {
     pub reference_m: f64,
     /// The lowest ground: walls go down to here.
     pub lowest_m: f64,
+    /// The lowest and the highest ground along the outline; `None` where it is not known there.
+    pub outline_m: Option<[f64; 2]>,
 }
 
 impl GroundLevel {
     /// Level ground at this height, metres.
     #[must_use]
     pub fn flat(z_m: f64) -> Self {
-        Self { reference_m: z_m, lowest_m: z_m }
+        Self { reference_m: z_m, lowest_m: z_m, outline_m: Some([z_m, z_m]) }
     }
 
     /// The same ground so much higher, metres.
     #[must_use]
     pub fn raised(self, by_m: f64) -> Self {
-        Self { reference_m: self.reference_m + by_m, lowest_m: self.lowest_m + by_m }
+        Self {
+            reference_m: self.reference_m + by_m,
+            lowest_m: self.lowest_m + by_m,
+            outline_m: self.outline_m.map(|ends| ends.map(|z_m| z_m + by_m)),
+        }
     }
 }
 

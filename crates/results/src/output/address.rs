@@ -1,12 +1,12 @@
 //! Addresses of buildings, from attributes in `OpenStreetMap`'s names (<https://wiki.openstreetmap.org/wiki/Key:addr:*>).
 //!
-//! | attribute | CityJSON | xAL in `CityGML` |
-//! |---|---|---|
-//! | `addr:street` | `ThoroughfareName` | `ThoroughfareName` |
-//! | `addr:housenumber` | `ThoroughfareNumber` | `ThoroughfareNumber` |
-//! | `addr:postcode` | `Postcode` | `PostalCodeNumber` |
-//! | `addr:city` | `Locality` | `LocalityName` |
-//! | `addr:country` | `Country` | `CountryNameCode` |
+//! | attribute | CityJSON | xAL 2 in `CityGML` 2.0 | xAL 3 in `CityGML` 3.0 |
+//! |---|---|---|---|
+//! | `addr:street` | `ThoroughfareName` | `ThoroughfareName` | `Thoroughfare/NameElement` |
+//! | `addr:housenumber` | `ThoroughfareNumber` | `ThoroughfareNumber` | `Thoroughfare/Number` |
+//! | `addr:postcode` | `Postcode` | `PostalCodeNumber` | `PostCode/Identifier` |
+//! | `addr:city` | `Locality` | `LocalityName` | `Locality/NameElement` |
+//! | `addr:country` | `Country` | `CountryNameCode` | `Country/NameElement` |
 
 use serde_json::{Map as JsonMap, Value};
 
@@ -57,24 +57,40 @@ impl Address {
         Value::Object(known.collect())
     }
 
-    /// Returns `CityGML`'s element of it, in the order of xAL 2.0.
-    pub fn to_gml(&self) -> String {
-        let element = |name: &str, text: &Option<String>| {
-            text.as_ref().map_or_else(String::new, |text| format!("<xAL:{name}>{}</xAL:{name}>", escape(text)))
-        };
-        let within = |name: &str, kind: &str, inner: &str| match inner {
-            "" => String::new(),
-            _ => format!("<xAL:{name}{kind}>{inner}</xAL:{name}>"),
-        };
-        let street = element("ThoroughfareNumber", &self.number) + &element("ThoroughfareName", &self.street);
+    /// Returns xAL 2.0's element of it, in the order of the schema.
+    pub fn to_xal2(&self) -> String {
+        let street = element("ThoroughfareNumber", self.number.as_deref())
+            + &element("ThoroughfareName", self.street.as_deref());
         let street = within("Thoroughfare", " Type=\"Street\"", &street);
-        let postcode = within("PostalCode", "", &element("PostalCodeNumber", &self.postcode));
-        let place = element("LocalityName", &self.place) + &street + &postcode;
-        let country = element("CountryNameCode", &self.country) + &within("Locality", " Type=\"Town\"", &place);
-        format!(
-            "<bldg:address><core:Address><core:xalAddress><xAL:AddressDetails><xAL:Country>{country}</xAL:Country>\
-             </xAL:AddressDetails></core:xalAddress></core:Address></bldg:address>"
-        )
+        let postcode = within("PostalCode", "", &element("PostalCodeNumber", self.postcode.as_deref()));
+        let place = element("LocalityName", self.place.as_deref()) + &street + &postcode;
+        let country =
+            element("CountryNameCode", self.country.as_deref()) + &within("Locality", " Type=\"Town\"", &place);
+        within("AddressDetails", "", &format!("<xAL:Country>{country}</xAL:Country>"))
+    }
+
+    /// Returns xAL 3.0's element of it, in the order of the schema.
+    pub fn to_xal3(&self) -> String {
+        let street = element("NameElement", self.street.as_deref()) + &element("Number", self.number.as_deref());
+        let parts = [
+            within("Country", "", &element("NameElement", self.country.as_deref())),
+            within("Locality", " xAL:Type=\"Town\"", &element("NameElement", self.place.as_deref())),
+            within("Thoroughfare", " xAL:Type=\"Street\"", &street),
+            within("PostCode", "", &element("Identifier", self.postcode.as_deref())),
+        ];
+        within("Address", "", &parts.concat())
+    }
+}
+
+fn element(name: &str, text: Option<&str>) -> String {
+    text.map_or_else(String::new, |text| format!("<xAL:{name}>{}</xAL:{name}>", escape(text)))
+}
+
+/// An element with others in it; nothing around nothing.
+fn within(name: &str, attributes: &str, inner: &str) -> String {
+    match inner {
+        "" => String::new(),
+        _ => format!("<xAL:{name}{attributes}>{inner}</xAL:{name}>"),
     }
 }
 
@@ -111,7 +127,9 @@ mod tests {
         {
             assert_eq!(of(&none), None, "{none}");
         }
-        let gml = of(&json!({ "addr:street": "A & <B>" })).unwrap().to_gml();
-        assert!(gml.contains("<xAL:ThoroughfareName>A &amp; &lt;B&gt;</xAL:ThoroughfareName>"), "{gml}");
+        let address = of(&json!({ "addr:street": "A & <B>" })).unwrap();
+        assert!(address.to_xal2().contains("<xAL:ThoroughfareName>A &amp; &lt;B&gt;</xAL:ThoroughfareName>"));
+        let street = "<xAL:Thoroughfare xAL:Type=\"Street\"><xAL:NameElement>A &amp; &lt;B&gt;</xAL:NameElement></xAL:Thoroughfare>";
+        assert_eq!(address.to_xal3(), format!("<xAL:Address>{street}</xAL:Address>"));
     }
 }

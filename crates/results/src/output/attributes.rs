@@ -55,7 +55,7 @@ impl Field {
 
 /// Our own attributes in the order in which they are written; the id comes before them. Names are told apart by their
 /// first ten characters, which is all that a Shapefile keeps.
-pub const FIELDS: [Field; 36] = {
+pub const FIELDS: [Field; 38] = {
     use ColumnKind::{Integer, Real, Text};
     [
         Field::new(
@@ -80,6 +80,21 @@ pub const FIELDS: [Field; 36] = {
             "Lowest ground under the footprint, where walls end, metres",
             |b, _| known(b.base_z_m),
         ),
+        Field::new(
+            "ground_min_z_m",
+            "Lowest ground at the walls (m)",
+            Real,
+            "Lowest ground along the outline of the building, each metre and at its corners, metres in the vertical reference; its standard \
+             deviation is ground_sigma_m. Empty where the terrain has no value there",
+            |b, _| known(b.ground_ends_z_m.map(|[lowest, _]| lowest)),
+        ),
+        Field::new(
+            "ground_max_z_m",
+            "Highest ground at the walls (m)",
+            Real,
+            "Highest ground along the outline of the building, likewise: less ground_min_z_m it is what the ground falls from back to front",
+            |b, _| known(b.ground_ends_z_m.map(|[_, highest]| highest)),
+        ),
         Field::new("roof_z_m", "Roof level (m)", Real, "Roof level, metres in the vertical reference", |b, _| {
             known(b.roof_z_m())
         }),
@@ -97,7 +112,7 @@ pub const FIELDS: [Field; 36] = {
             "ground_sigma_m",
             "Ground sigma (m)",
             Real,
-            "One standard deviation of ground_z_m, metres; empty where no photo shows the ground around the building: height_sigma_m is then \
+            "One standard deviation of ground_z_m, ground_min_z_m and ground_max_z_m, metres; empty where no photo shows the ground around the building: height_sigma_m is then \
              that of the roof level alone",
             |b, _| known(b.ground_sigma_m),
         ),

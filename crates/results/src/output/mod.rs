@@ -3,7 +3,7 @@
 //! | format | writer | for |
 //! |---|---|---|
 //! | CityJSON 2.0 | [`cityjson`] | exchange, 3DCityDB, validators |
-//! | `CityGML` 2.0 | [`citygml`] | agencies and databases that take GML |
+//! | `CityGML` 2.0 and 3.0 | [`citygml`] | agencies and databases that take GML |
 //! | CityJSONSeq 2.0 | [`cityjson::write_sequence`] | streams, tilers |
 //! | GeoPackage 1.2 | [`geopackage`] | QGIS, any GIS |
 //! | FlatCityBuf | `flatcitybuf`, with the feature of that name | solids over the web, one file |

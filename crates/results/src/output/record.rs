@@ -95,6 +95,9 @@ pub struct BuildingRecord {
     pub ground_z_m: Option<f64>,
     /// Lowest ground under the footprint: walls go down to here. At most `ground_z_m`.
     pub base_z_m: Option<f64>,
+    /// The lowest and the highest ground along the outline of the building, where it is known there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ground_ends_z_m: Option<[f64; 2]>,
     /// Roof level minus ground level.
     pub height_m: Option<f64>,
     /// One standard deviation of `height_m`, where it could be estimated: of the roof's level and the ground's together.
@@ -150,6 +153,7 @@ impl BuildingRecord {
             footprint: None,
             ground_z_m: None,
             base_z_m: None,
+            ground_ends_z_m: None,
             height_m: None,
             height_sigma_m: None,
             roof_sigma_m: None,

@@ -101,7 +101,7 @@ mod tests {
             Rect::new(coord! { x: x, y: y }, coord! { x: x + w, y: y + d }).to_polygon()
         };
         let (house, shed) = (rect(0.0, 0.0, 12.0, 10.0), rect(12.0 + gap_m, 2.0, 2.5, width_m));
-        let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+        let ground = GroundLevel::flat(0.0);
         let bounds = HeightBounds { min_m: 2.0, max_m: 150.0 };
         let scene = Scene::new(&[(&house, ground), (&shed, ground)], &Terrain::Constant(0.0), bounds, 10.0);
         let doubts = Doubts { pixel_m, ..Doubts::default() };

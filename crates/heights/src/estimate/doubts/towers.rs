@@ -55,7 +55,7 @@ mod tests {
             Rect::new(coord! { x: x, y: 0.0 }, coord! { x: x + 12.0, y: 12.0 }).to_polygon()
         };
         let houses: Vec<Polygon<f64>> = (0..heights_m.len()).map(house).collect();
-        let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+        let ground = GroundLevel::flat(0.0);
         let on_ground: Vec<_> = houses.iter().map(|house| (house, ground)).collect();
         let bounds = HeightBounds { min_m: 2.0, max_m: 150.0 };
         let scene = Scene::new(&on_ground, &Terrain::Constant(0.0), bounds, 10.0);

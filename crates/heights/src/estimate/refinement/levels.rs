@@ -283,7 +283,7 @@ mod tests {
     /// Parts of a building of `size_m` after refinement, highest first: area and height. Its priors show a flat roof at `prior_m`.
     fn refined(size_m: [f64; 2], prior_m: f64, roof_m: &dyn Fn(DVec2) -> f64) -> Vec<(f64, f64)> {
         let footprint = Rect::new(coord! { x: 0.0, y: 0.0 }, coord! { x: size_m[0], y: size_m[1] }).to_polygon();
-        let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+        let ground = GroundLevel::flat(0.0);
         let bounds = HeightBounds { min_m: 2.0, max_m: 100.0 };
         let mut scene = Scene::new(&[(&footprint, ground)], &Terrain::Constant(0.0), bounds, 20.0);
         let mut parts = Parts::whole(&[Building { footprint, ground }]);

@@ -36,7 +36,7 @@ impl TestTown {
         };
         let polygons: Vec<Polygon<f64>> = (0..12).map(at).collect();
         let truth_m: Vec<f32> = (0..12).map(|i| 8.0 + (i * 13 % 23) as f32 + 0.37 * (i * 5 % 12) as f32).collect();
-        let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+        let ground = GroundLevel::flat(0.0);
         let footprints: Vec<_> = polygons.iter().map(|p| (p, ground)).collect();
         let bounds = HeightBounds { min_m: 2.0, max_m: 60.0 };
         let scene = Scene::new(&footprints, &Terrain::Constant(0.0), bounds, 300.0);

@@ -48,6 +48,7 @@ impl FoundBuilding {
             footprint: largest.map(|polygon| polygon.orient(Direction::Default)),
             ground_z_m,
             base_z_m: number("base_z_m").or(ground_z_m),
+            ground_ends_z_m: number("ground_min_z_m").zip(number("ground_max_z_m")).map(<[f64; 2]>::from),
             height_m,
             height_sigma_m: number("height_sigma_m"),
             roof_sigma_m: number("roof_sigma_m"),

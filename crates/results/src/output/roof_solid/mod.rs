@@ -98,7 +98,7 @@ impl<'a> PlannedRoof<'a> {
     fn of(shape: RoofShape, block: &SnappedPrism, grid: &'a OutputGrid) -> Option<Self> {
         let frame = BuildingFrame { grid, origin: block.footprint().rings()[0][0] };
         let polygon = frame.polygon(block.footprint());
-        let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+        let ground = GroundLevel::flat(0.0);
         let scene = ScenePrism::new(&polygon, ground, LocalOrigin(DVec3::ZERO));
         let planes = RoofPlanes::of(&roof(shape, frame.corner_m()), &scene)?;
         let patches = patches::of(&polygon, &planes)?;
@@ -183,7 +183,7 @@ mod tests {
         let scene = {
             use geo::MapCoords as _;
             let local = footprint.map_coords(|c| Coord { x: c.x - min.x, y: c.y - min.y });
-            let ground = GroundLevel { reference_m: 0.0, lowest_m: 0.0 };
+            let ground = GroundLevel::flat(0.0);
             ScenePrism::new(&local, ground, LocalOrigin(DVec3::ZERO))
         };
         let planes = RoofPlanes::of(&roof(record.roof.unwrap(), [min.x, min.y]), &scene).unwrap();

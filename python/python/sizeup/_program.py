@@ -1,4 +1,4 @@
-"""Runs: the program in a process of its own, so that Ctrl-C and notebooks' "interrupt" stop it and its memory goes with it."""
+"""The program in a process of its own, so that Ctrl-C and notebooks' "interrupt" stop it and its memory goes with it."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ import os
 import subprocess
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from . import _native
 from ._errors import ConfigurationError, RunError, of_code
-from ._results import City, read
 
 
 @dataclass(frozen=True)
@@ -39,41 +38,7 @@ class Progress:
     """Its text."""
 
 
-def run(
-    config: str | os.PathLike[str] | Mapping[str, Any],
-    *,
-    output: str | os.PathLike[str] | None = None,
-    settings: Mapping[str, Any] | None = None,
-    threads: int | None = None,
-    tell: Callable[[Progress], None] | None = None,
-) -> City:
-    """Finds the heights of a configuration's buildings, as ``sizeup run`` does, and reads the result.
-
-    Args:
-        config: A configuration file, or the same as nested mappings; their paths are relative to the working folder.
-        output: Folder of the results, in place of the configuration's.
-        settings: Single keys over it, such as ``{"optimise.preset": "paper"}``.
-        threads: Threads to use; by default all cores. The result does not depend on it.
-        tell: Told how far it is, in the calling thread. An error in it stops the run.
-
-    Raises:
-        ConfigurationError: a setting is unknown, contradicts another, or is missing.
-        InputError: the input as a whole cannot be used. Single photos and buildings that cannot be used are in the result.
-        RunError: the run failed.
-    """
-    text = None if isinstance(config, (str, os.PathLike)) else _native.toml_of_json(_json(config))
-    words = ["-" if text is not None else os.fspath(config)]  # type: ignore[arg-type]
-    for key, value in (settings or {}).items():
-        words += ["--set", f"{key}={value if isinstance(value, str) else _json(value)}"]
-    if output is not None:
-        words += ["--output", os.fspath(output)]
-    if threads is not None:
-        words += ["--threads", str(threads)]
-    summary = _call(["run", *words], text, tell)
-    return read(Path(summary["output"]))
-
-
-def _json(value: Any) -> str:
+def as_json(value: Any) -> str:
     try:
         return json.dumps(value, default=_plain)
     except (TypeError, ValueError) as error:
@@ -89,8 +54,21 @@ def _plain(value: object) -> str:
     raise TypeError(f"{type(value).__name__} is no setting")
 
 
-def _call(arguments: Sequence[str], text: str | None, tell: Callable[[Progress], None] | None) -> Any:
-    """Runs the program; what it prints as JSON."""
+def options(**named: Any) -> list[str]:
+    """Keywords as options of the command line: ``None`` and ``False`` are left out, ``True`` is a flag, lists have commas."""
+    words = []
+    for name, value in named.items():
+        option = f"--{name.replace('_', '-')}"
+        if value is True:
+            words.append(option)
+        elif value is not None and value is not False:
+            items = [value] if isinstance(value, (str, os.PathLike)) or not hasattr(value, "__iter__") else list(value)
+            words.append(f"{option}={','.join(str(item) for item in items)}")
+    return words
+
+
+def call(arguments: Sequence[str], text: str | None = None, tell: Callable[[Progress], None] | None = None) -> Any:
+    """Runs the program and returns what it prints as JSON. Its warnings become Python's."""
     command = [*_program(), *arguments, "--json", "--progress", "json"]
     with subprocess.Popen(
         command,
@@ -123,8 +101,11 @@ def _listen(process: subprocess.Popen[str], text: str | None, tell: Callable[[Pr
             said.append(line)
         elif event["event"] == "error":
             raise of_code(event["code"], event["message"], event.get("hint"))
-        elif event["event"] != "done" and tell is not None:
-            tell(Progress(**event))
+        elif event["event"] != "done":
+            if event.get("level") == "warning":
+                warn(event["message"])
+            if tell is not None:
+                tell(Progress(**event))
     process.wait()
     reader.join()
     try:
@@ -132,6 +113,14 @@ def _listen(process: subprocess.Popen[str], text: str | None, tell: Callable[[Pr
     except ValueError:
         ended = f"the program ended with code {process.returncode}"
         raise RunError(f"{ended} and said:\n{''.join(said).strip() or 'nothing'}") from None
+
+
+def warn(message: str) -> None:
+    """Warns at the line that called this package, however deep in it this is."""
+    depth, frame = 1, sys._getframe()
+    while frame is not None and frame.f_globals.get("__package__") == __package__:
+        depth, frame = depth + 1, frame.f_back  # type: ignore[assignment]
+    warnings.warn(message, stacklevel=depth)
 
 
 def _gather(stream: IO[str], into: list[str]) -> None:
