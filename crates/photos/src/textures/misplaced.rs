@@ -12,8 +12,9 @@ use super::views::{Candidate, Shown};
 
 /// Fewest cells that a photo is judged by; a first choice.
 const LEAST_CELLS: usize = 40;
-/// Share of these that may disagree.
-const MOST_DISAGREEING: f64 = 0.6;
+/// Share of these that may disagree. Of good photos 1 to 6 % do over a real block and up to 12 % over a simulated town with trees; of a photo that
+/// was exchanged for another one 65 %.
+const MOST_DISAGREEING: f64 = 0.4;
 
 /// Returns the views whose photos disagree with the others, and their disagreeing shares.
 pub(super) fn find(
