@@ -1,11 +1,13 @@
 //! Textures of a small town of boxes whose colours are known, in photos traced here by code of its own.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fs::OpenOptions;
 use std::path::Path;
 use std::sync::Arc;
 
 use geo::polygon;
 use glam::{DVec2, DVec3};
+use image::imageops::FilterType;
 use image::{Rgb, RgbImage};
 use serde_json::{Value, json};
 use sizeup::camera::Camera;
@@ -35,6 +37,9 @@ const ROOF: [u8; 3] = [170, 60, 40];
 /// Walls to the west, east, south and north.
 const WALLS: [[u8; 3]; 4] = [[210, 190, 120], [120, 150, 200], [200, 120, 160], [110, 170, 120]];
 const LEAVES: [u8; 3] = [20, 90, 20];
+
+/// Side of a texel.
+const TEXEL_M: f64 = 0.2;
 
 /// A box along the axes, relative to `AT`, with the colours of its walls and of its top.
 #[derive(Clone, Copy)]
@@ -130,7 +135,7 @@ impl Painted {
             origin: LocalOrigin(AT),
             views: &views,
             decode: shows,
-            texel_m: Some(0.2),
+            texel_m: Some(TEXEL_M),
             choice,
             groups: &city.tile_of,
         });
@@ -282,6 +287,21 @@ fn a_photo_that_is_missing_is_named_and_others_paint_its_walls() {
 }
 
 #[test]
+fn a_photo_that_was_turned_is_named_and_paints_nothing() {
+    // The one that looks straight at the northern walls.
+    let shows = |view: &View| {
+        let photo = photo(view, &[HOUSE, ANNEX, TOWER]);
+        Ok(if view.id.0 == "2.jpg" { image::imageops::rotate180(&photo) } else { photo })
+    };
+    let town = Painted::new(records(), &shows, Choice::Agreeing);
+    let named: Vec<&str> =
+        town.textures.issues.iter().filter(|i| i.code == "photo_disagrees").map(|i| i.subject.name()).collect();
+    assert_eq!(named, ["2.jpg"]);
+    assert!(town.textures.surfaces.iter().all(|texture| texture.photo != Some(2)));
+    assert!(is_near(town.colour_at(town.wall(0, DVec3::Y).1, 0.5, 0.5), WALLS[3]));
+}
+
+#[test]
 fn the_bytes_are_the_same_on_one_thread_and_on_several() {
     let on = |n: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap();
@@ -313,7 +333,7 @@ fn write_on(folder: &Path, town: &Painted, picture: RgbImage) {
     let painted = PaintedCity { city: &town.city, textures: &town.textures, ground: Some(&ground) };
     let tile_of = |(i, id): (usize, &&str)| ((*id).to_owned(), json!({ "tile": town.city.tile(i) }));
     let buildings: serde_json::Map<String, Value> = IDS.iter().enumerate().map(tile_of).collect();
-    let summary = json!({ "buildings": buildings });
+    let summary = json!({ "texel_m": TEXEL_M, "buildings": buildings });
     textured::write(folder, &model, &CityJsonConfig::default(), &painted, &summary).unwrap();
 }
 
@@ -486,6 +506,88 @@ fn ground_with_a_large_picture_has_a_small_one_for_far_away_and_a_hole_where_no_
     // The city fills nine tenths of the picture, one way or the other.
     let reach: [f64; 2] = serde_json::from_value(said["reach"].clone()).unwrap();
     assert!((reach[0].max(reach[1]) - 0.9).abs() < 0.01, "{reach:?}");
+}
+
+/// Writes a textured town whose picture is larger than it needs to be, as if its texels were smaller; their side, metres.
+fn write_large(folder: &Path, town: &Painted) -> f64 {
+    write(folder, town);
+    let atlas = folder.join("appearance/atlas-0.jpg");
+    let picture = image::open(&atlas).unwrap();
+    let scale = 1100_u32.div_ceil(picture.width());
+    picture.resize(scale * picture.width(), scale * picture.height(), FilterType::Nearest).save(&atlas).unwrap();
+    let summary = folder.join("textures.json");
+    let mut numbers: Value = serde_json::from_slice(&std::fs::read(&summary).unwrap()).unwrap();
+    numbers["texel_m"] = json!(TEXEL_M / f64::from(scale));
+    std::fs::write(&summary, numbers.to_string()).unwrap();
+    TEXEL_M / f64::from(scale)
+}
+
+#[test]
+fn buildings_with_large_pictures_have_small_ones_for_far_away_which_the_viewer_replaces_as_it_comes_closer() {
+    let (folder, town) = (tempfile::tempdir().unwrap(), Painted::plain());
+    let texel_m = write_large(&folder.path().join("textured"), &town);
+    let tiles = tiles_of_written(folder.path(), &town, Precision::Float);
+    is_valid_tileset(&tiles);
+    let tileset: Value = serde_json::from_slice(&std::fs::read(tiles.join("tileset.json")).unwrap()).unwrap();
+    let far = &tileset["root"]["children"][0]["children"][0];
+    assert_eq!(
+        (&far["content"]["uri"], &far["refine"]),
+        (&json!("tiles/0/0_0-far.glb"), &json!("REPLACE")),
+        "{tileset:#}"
+    );
+    assert_eq!(far["children"][0]["content"]["uri"], "tiles/0/0_0.glb");
+    let [far_glb, near_glb] = ["0/0_0-far", "0/0_0"].map(|name| Glb::read(&tiles.join(format!("tiles/{name}.glb"))));
+    let widths = [&far_glb, &near_glb].map(|glb| glb.picture(glb.primitive()).width());
+    assert!(widths[0] <= 512 && widths[1] > 1024, "{widths:?}");
+    // Viewers go on to the near one where two pixels of theirs are one of it: 16 of error.
+    let error_m = far["geometricError"].as_f64().unwrap();
+    assert!((error_m - 8.0 * texel_m * f64::from(widths[1]) / f64::from(widths[0])).abs() < 0.001, "{error_m}");
+    for glb in [&far_glb, &near_glb] {
+        assert_eq!(glb.column("id"), IDS);
+        let colours = colours_in_tile(glb, "tower");
+        assert!(colours.iter().any(|(normal, colour)| normal.dot(DVec3::NEG_Z) > 0.99 && is_near(*colour, WALLS[3])));
+    }
+    let _ = triangles_of_valid_gltf(&["0/0_0-far", "0/0_0"].map(|name| tiles.join(format!("tiles/{name}.glb"))));
+    let server = report::Server::bind(&tiles, &tiles, 0).unwrap();
+    let address = server.address();
+    std::thread::spawn(move || server.run());
+    let Some(said) = browse("levels.mjs", &address, &[]) else { return };
+    assert_eq!(said["errors"], json!([]));
+    // Of three buildings each is there once, with the one picture or the other.
+    for (when, expected) in [("far", ["0/0_0-far"].as_slice()), ("near", &["0/0_0"]), ("again", &["0/0_0-far"])] {
+        assert_eq!((&said[when]["drawn"], &said[when]["buildings"]), (&json!(expected), &json!(3)), "{when}: {said:#}");
+    }
+}
+
+#[test]
+fn a_report_of_a_city_with_too_many_pictures_has_the_small_ones() {
+    let (folder, town) = (tempfile::tempdir().unwrap(), Painted::plain());
+    let textured = folder.path().join("textured");
+    let _ = write_large(&textured, &town);
+    let atlas = textured.join("appearance/atlas-0.jpg");
+    let near = std::fs::read(&atlas).unwrap().len();
+    // What follows the end of a JPEG is not read.
+    OpenOptions::new().write(true).open(&atlas).unwrap().set_len(31_000_000).unwrap();
+    let city = TexturedCity::of_result(folder.path()).unwrap();
+    let crs = Crs::parse("EPSG:25832").unwrap();
+    let (lineage, survey) = (Lineage::default(), Survey::default());
+    let of_town = crate::outputs::town();
+    let terrain = Terrain::Constant(AT.z);
+    let report = Report {
+        model: town.model(&crs, &lineage, &survey),
+        terrain: &terrain,
+        views: Vec::new(),
+        textured: city.as_ref(),
+        ..plain_report(&of_town)
+    };
+    let page = folder.path().join("report.html");
+    report::write(&page, &report).unwrap();
+    let text = std::fs::read_to_string(&page).unwrap();
+    let (_, block) = text.split_once("id=\"textured\">").unwrap();
+    let data: Value = serde_json::from_str(block.split_once("</script>").unwrap().0).unwrap();
+    let buildings = data["buildings"].as_str().expect("textures in the report").len();
+    assert!(buildings > 1000 && buildings < near, "{buildings} of {near}");
+    looks_right(&format!("file://{}", page.display()), "report-far");
 }
 
 #[test]

@@ -49,6 +49,9 @@ impl PagePlace {
     }
 }
 
+/// Surfaces of the buildings of a group, building by building.
+pub(super) type Group = Vec<Range<usize>>;
+
 /// Pages, and the place of each surface.
 pub(super) struct Atlas {
     pub pages: Vec<Page>,
@@ -56,6 +59,39 @@ pub(super) struct Atlas {
 }
 
 impl Atlas {
+    /// An atlas without pages.
+    pub fn empty(n_surfaces: usize) -> Self {
+        Self { pages: Vec::new(), places: vec![None; n_surfaces] }
+    }
+
+    /// Lays the painted surfaces of some groups out on pages of their own.
+    pub fn add(&mut self, groups: &[Group], charts: &[Option<Chart>], painted: &[Option<Painted>]) {
+        let size = |i: usize| painted[i].as_ref().map(|p| UVec2::new(p.picture.width(), p.picture.height()));
+        let corners = corners(groups, self.pages.len(), &size);
+        for &(i, corner) in &corners {
+            let place = |chart: &Chart| PagePlace {
+                page: corner.page,
+                origin_px: corner.at.as_vec2() + chart.texels_at(Vec2::ZERO),
+                texel_m: chart.texel_m,
+            };
+            self.places[i] = charts[i].as_ref().map(place);
+        }
+        let n_pages = corners.iter().map(|(_, corner)| corner.page + 1).max().unwrap_or(0);
+        let page = |page: usize| {
+            let on_page = || corners.iter().filter(|(_, corner)| corner.page == page);
+            let pictures = || on_page().filter_map(|(i, corner)| Some((&painted[*i].as_ref()?.picture, corner.at)));
+            let end = |(picture, at): (&RgbImage, UVec2)| at + UVec2::new(picture.width(), picture.height());
+            let size = pictures().map(end).fold(UVec2::ONE, UVec2::max);
+            let mut whole = RgbImage::new(size.x, size.y);
+            for (picture, at) in pictures() {
+                image::imageops::replace(&mut whole, picture, i64::from(at.x), i64::from(at.y));
+            }
+            Page { width: size.x, height: size.y, jpeg: jpeg(&whole) }
+        };
+        let pages: Vec<Page> = (self.pages.len()..n_pages).into_par_iter().map(page).collect();
+        self.pages.extend(pages);
+    }
+
     /// Shares of the page for each corner of a surface.
     pub fn uv(&self, scene: &SurfaceScene, surface: usize) -> Vec<Vec<DVec2>> {
         let Some(place) = self.places[surface] else { return Vec::new() };
@@ -114,7 +150,12 @@ impl Shelf {
     }
 
     /// Places the surfaces of a building, on one page where they fit.
-    fn add(&mut self, building: Range<usize>, size: &dyn Fn(usize) -> Option<UVec2>, corners: &mut [Option<Corner>]) {
+    fn add(
+        &mut self,
+        building: Range<usize>,
+        size: &dyn Fn(usize) -> Option<UVec2>,
+        corners: &mut Vec<(usize, Corner)>,
+    ) {
         let mut sizes: Vec<(usize, UVec2)> = building.filter_map(|i| Some((i, size(i)?))).collect();
         sizes.sort_by_key(|(i, size)| (std::cmp::Reverse(size.max_element()), *i));
         let together = self.place_all(&sizes).or_else(|| {
@@ -122,7 +163,7 @@ impl Shelf {
             self.place_all(&sizes)
         });
         if let Some(placed) = together {
-            placed.into_iter().for_each(|(i, corner)| corners[i] = Some(corner));
+            corners.extend(placed);
             return;
         }
         // A building too large for a page.
@@ -131,7 +172,7 @@ impl Shelf {
                 self.turn_over();
                 self.place(size)
             });
-            corners[i] = placed.map(|(_, corner)| corner);
+            corners.extend(placed.map(|(_, corner)| (i, corner)));
         }
     }
 
@@ -145,50 +186,28 @@ fn empty_page(side_px: u32) -> AtlasAllocator {
     AtlasAllocator::new(size2(side_px as i32, side_px as i32))
 }
 
-/// Lays all painted surfaces out on pages.
-pub(super) fn pack(task: &TextureTask<'_>, charts: &[Option<Chart>], painted: &[Option<Painted>]) -> Atlas {
-    let surfaces = task.surfaces;
-    let corners = corners(task, painted);
-    let size_of =
-        |i: usize| painted[i].as_ref().map_or(UVec2::ZERO, |p| UVec2::new(p.picture.width(), p.picture.height()));
-    let n_pages = corners.iter().flatten().map(|corner| corner.page + 1).max().unwrap_or(0);
-    let page = |page: usize| {
-        let on_page = || (0..surfaces.len()).filter_map(|i| corners[i].filter(|c| c.page == page).map(|c| (i, c.at)));
-        let size = on_page().map(|(i, at)| at + size_of(i)).fold(UVec2::ONE, UVec2::max);
-        let mut picture = RgbImage::new(size.x, size.y);
-        for (i, at) in on_page() {
-            if let Some(painted) = &painted[i] {
-                image::imageops::replace(&mut picture, &painted.picture, i64::from(at.x), i64::from(at.y));
-            }
-        }
-        Page { width: size.x, height: size.y, jpeg: jpeg(&picture) }
-    };
-    let place = |i: usize| {
-        let (corner, chart) = (corners[i]?, charts[i].as_ref()?);
-        let origin_px = corner.at.as_vec2() + chart.texels_at(Vec2::ZERO);
-        Some(PagePlace { page: corner.page, origin_px, texel_m: chart.texel_m })
-    };
-    Atlas { pages: (0..n_pages).into_par_iter().map(page).collect(), places: (0..surfaces.len()).map(place).collect() }
-}
-
-fn corners(task: &TextureTask<'_>, painted: &[Option<Painted>]) -> Vec<Option<Corner>> {
-    let mut corners = vec![None; task.surfaces.len()];
-    let size = |i: usize| painted[i].as_ref().map(|p| UVec2::new(p.picture.width(), p.picture.height()));
-    // The surfaces of each building, by its group.
-    let mut groups: BTreeMap<usize, Vec<Range<usize>>> = BTreeMap::new();
+/// Groups of the buildings of a task, in their order.
+pub(super) fn groups(task: &TextureTask<'_>) -> Vec<Group> {
+    let mut groups: BTreeMap<usize, Group> = BTreeMap::new();
     let mut first = 0;
     for of_building in task.surfaces.chunk_by(|a, b| a.building == b.building) {
         let group = task.groups.get(of_building[0].building).copied().unwrap_or(0);
         groups.entry(group).or_default().push(first..first + of_building.len());
         first += of_building.len();
     }
-    let mut n_pages = 0;
-    for buildings in groups.into_values() {
-        if buildings.iter().cloned().flatten().all(|i| size(i).is_none()) {
+    groups.into_values().collect()
+}
+
+/// Places of the pictures of some groups, on pages that follow `n_before` others.
+fn corners(groups: &[Group], n_before: usize, size: &dyn Fn(usize) -> Option<UVec2>) -> Vec<(usize, Corner)> {
+    let (mut corners, mut n_pages) = (Vec::new(), n_before);
+    for buildings in groups {
+        let sizes = || buildings.iter().cloned().flatten().filter_map(size);
+        if sizes().next().is_none() {
             continue;
         }
-        let mut shelf = Shelf::fitting(buildings.iter().cloned().flatten().filter_map(size), n_pages);
-        buildings.into_iter().for_each(|building| shelf.add(building, &size, &mut corners));
+        let mut shelf = Shelf::fitting(sizes(), n_pages);
+        buildings.iter().for_each(|building| shelf.add(building.clone(), size, &mut corners));
         n_pages = shelf.n_pages;
     }
     corners

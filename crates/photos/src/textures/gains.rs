@@ -7,8 +7,9 @@
 //! `g`: logarithm of a photo's gain; `r_ab`: median over the `n` shared cells of the logarithm of a's brightness by b's. The last
 //! term keeps the town as bright as its photos are.
 
+use super::chart::Chart;
 use super::median_or;
-use super::views::{Candidate, Colours};
+use super::views::Candidate;
 use super::warp::shared;
 
 /// Weight of a gain's own size, in shared cells: small beside the cells of one wall.
@@ -19,13 +20,20 @@ const N_SWEEPS: usize = 50;
 const DARKEST: f32 = 8.0;
 
 /// Factors of the photos' colours, one per view.
-pub(super) fn solve(n_views: usize, candidates: &[Vec<Candidate>]) -> Vec<f32> {
+pub(super) fn solve(n_views: usize, charts: &[Option<Chart>], candidates: &[Vec<Candidate>]) -> Vec<f32> {
     let mut pairs: Vec<Vec<(usize, f64, f64)>> = vec![Vec::new(); n_views];
-    for of_surface in candidates {
-        for (i, a) in of_surface.iter().enumerate() {
-            for b in &of_surface[i + 1..] {
-                let (Some(of_a), Some(of_b)) = (&a.colours, &b.colours) else { continue };
-                let ratios: Vec<f64> = shared(a, b).filter_map(|cell| ratio(of_a, of_b, cell)).collect();
+    for (chart, of_surface) in charts.iter().zip(candidates) {
+        let Some(chart) = chart else { continue };
+        let brightness = |candidate: &Candidate| -> Option<Vec<f32>> {
+            let colours = candidate.colours.as_ref()?;
+            let of = |cell: usize| colours.mean(chart, cell).iter().sum::<f32>() / 3.0;
+            Some((0..chart.cells.len()).map(of).collect())
+        };
+        let brightness: Vec<Option<Vec<f32>>> = of_surface.iter().map(brightness).collect();
+        for (i, (a, of_a)) in of_surface.iter().zip(&brightness).enumerate() {
+            for (b, of_b) in of_surface.iter().zip(&brightness).skip(i + 1) {
+                let (Some(of_a), Some(of_b)) = (of_a, of_b) else { continue };
+                let ratios: Vec<f64> = shared(a, b).filter_map(|cell| ratio(of_a[cell], of_b[cell])).collect();
                 let (n, ratio) = (ratios.len() as f64, median_or(&ratios, 0.0));
                 pairs[a.view].push((b.view, n, ratio));
                 pairs[b.view].push((a.view, n, -ratio));
@@ -45,8 +53,6 @@ pub(super) fn solve(n_views: usize, candidates: &[Vec<Candidate>]) -> Vec<f32> {
 }
 
 /// Logarithm of one photo's brightness of a cell by another's.
-fn ratio(a: &Colours, b: &Colours, cell: usize) -> Option<f64> {
-    let brightness = |of: &Colours| of.means[cell].iter().sum::<f32>() / 3.0;
-    let (a, b) = (brightness(a), brightness(b));
+fn ratio(a: f32, b: f32) -> Option<f64> {
     (a > DARKEST && b > DARKEST).then(|| f64::from(a / b).ln())
 }

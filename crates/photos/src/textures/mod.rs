@@ -30,6 +30,7 @@ mod chart;
 mod choose;
 mod eave;
 mod gains;
+mod misplaced;
 mod paint;
 mod render;
 mod scene;
@@ -198,6 +199,8 @@ impl Textures {
     }
 }
 
+/// Groups of buildings that are painted at a time.
+const GROUPS_AT_A_TIME: usize = 4;
 /// Colour of walls and roofs in a town that no photo shows.
 const NO_PHOTO: [u8; 3] = [200, 200, 200];
 
@@ -218,21 +221,41 @@ pub fn bake(task: &TextureTask<'_>) -> Textures {
             chart.as_ref().map_or_else(Vec::new, |c| views::candidates(&scene, i, c, &placed, task.choice))
         })
         .collect();
-    let unread = warp::fill(task, &scene, &charts, &mut candidates);
+    let mut issues = warp::fill(task, &scene, &charts, &mut candidates);
     let gains = match task.choice {
-        Choice::Agreeing => gains::solve(task.views.len(), &candidates),
+        Choice::Agreeing => {
+            let gains = gains::solve(task.views.len(), &charts, &candidates);
+            let misplaced = misplaced::find(task.views.len(), &charts, &candidates, &gains);
+            for &(view, share) in &misplaced {
+                let is_other = |candidate: &views::Candidate| candidate.view != view;
+                candidates.iter_mut().for_each(|of_surface| of_surface.retain(is_other));
+                issues.push(disagreement(&task.views[view], share));
+            }
+            if misplaced.is_empty() { gains } else { gains::solve(task.views.len(), &charts, &candidates) }
+        }
         Choice::BestPerSurface => vec![1.0; task.views.len()],
     };
     let chosen = choose::photos(task.surfaces, &candidates, task.choice);
-    // Each surface's photos are forgotten when it is painted: together they are most of the memory.
-    let painted: Vec<Option<paint::Painted>> = (candidates.into_par_iter().zip(&charts).enumerate())
-        .map(|(i, (candidates, chart))| {
-            let eave_m = (task.surfaces[i].kind == SurfaceKind::Wall).then_some(task.surfaces[i].sigma_m);
-            let palette = paint::Palette { candidates: &candidates, first: chosen[i], gains: &gains, eave_m };
-            paint::paint(chart.as_ref()?, &palette, task.choice)
-        })
-        .collect();
-    let atlas = atlas::pack(task, &charts, &painted);
+    let paint = |(i, candidates): (usize, Vec<views::Candidate>)| {
+        let eave_m = (task.surfaces[i].kind == SurfaceKind::Wall).then_some(task.surfaces[i].sigma_m);
+        let palette = paint::Palette { candidates: &candidates, first: chosen[i], gains: &gains, eave_m };
+        Some((i, paint::paint(charts[i].as_ref()?, &palette, task.choice)?))
+    };
+    // A surface's photos are forgotten when it is painted, and its picture when it is on a page: together they are most of the memory.
+    let mut painted: Vec<Option<paint::Painted>> = (0..task.surfaces.len()).map(|_| None).collect();
+    let mut atlas = atlas::Atlas::empty(task.surfaces.len());
+    for groups in atlas::groups(task).chunks(GROUPS_AT_A_TIME) {
+        let surfaces = || groups.iter().flatten().cloned().flatten();
+        let of_groups: Vec<_> = surfaces().map(|i| (i, std::mem::take(&mut candidates[i]))).collect();
+        let found: Vec<_> = of_groups.into_par_iter().filter_map(paint).collect();
+        found.into_iter().for_each(|(i, of)| painted[i] = Some(of));
+        atlas.add(groups, &charts, &painted);
+        for i in surfaces() {
+            if let Some(painted) = &mut painted[i] {
+                painted.picture = RgbImage::default();
+            }
+        }
+    }
     let plain = plain_colours(task.surfaces, &painted);
     let surfaces: Vec<SurfaceTexture> = (0..task.surfaces.len())
         .map(|i| {
@@ -249,7 +272,6 @@ pub fn bake(task: &TextureTask<'_>) -> Textures {
             }
         })
         .collect();
-    let mut issues = unread;
     issues.extend(without_photo(task.surfaces, &surfaces));
     Textures { pages: atlas.pages, surfaces, texel_m, issues }
 }
@@ -278,6 +300,16 @@ fn plain_colours(surfaces: &[Surface], painted: &[Option<paint::Painted>]) -> Ve
         }
     }
     colours
+}
+
+/// A warning of a photo that disagrees with the others.
+fn disagreement(view: &View, share: f64) -> Issue {
+    let message = format!(
+        "no texture comes from it: {:.0} % of the places where its pose puts buildings have other colours there than in the other photos",
+        100.0 * share
+    );
+    Issue::new(Severity::Warning, "photo_disagrees", Subject::View(view.id.0.clone()), message)
+        .hint("its pose is wrong, or it was turned, exchanged or edited after the flight")
 }
 
 /// A note on surfaces without a texture; a warning where that is all of them.

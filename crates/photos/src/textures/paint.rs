@@ -17,7 +17,7 @@ use super::{Choice, TexturedArea, eave};
 /// Largest difference of a cell's mean from the median of the photos, of 255, at which a photo still shows the surface.
 pub(super) const AGREES_WITHIN: f32 = 24.0;
 /// Fewest photos of which a median tells who is wrong.
-const LEAST_PHOTOS: usize = 3;
+pub(super) const LEAST_PHOTOS: usize = 3;
 /// Share of a wall's height that may be left out below its eave, at most.
 const MOST_EAVE: f32 = 0.25;
 
@@ -35,6 +35,7 @@ pub(super) struct Palette<'a> {
 /// A painted surface.
 #[derive(Debug)]
 pub(super) struct Painted {
+    /// Empty once it is on a page.
     pub picture: RgbImage,
     /// Mean colour of what is seen.
     pub mean: [f32; 3],
@@ -101,8 +102,8 @@ fn painter(chart: &Chart, palette: &Palette<'_>, cell: usize, choice: Choice) ->
     let candidates = palette.candidates;
     // The surface's own photo, then by what they are worth here.
     let mut order: Vec<usize> = (0..candidates.len()).collect();
-    let worth = |k: &usize| candidates[*k].cell_worth[cell];
-    order.sort_by(|a, b| worth(b).total_cmp(&worth(a)).then(a.cmp(b)));
+    let worth: Vec<f32> = candidates.iter().map(|candidate| candidate.cell_worth(chart, cell)).collect();
+    order.sort_by(|a, b| worth[*b].total_cmp(&worth[*a]).then(a.cmp(b)));
     order.sort_by_key(|k| *k != palette.first);
     let own_first = || order.iter().copied();
     let shows = |shown: Shown| own_first().filter(move |&k| candidates.get(k).is_some_and(|c| c.shown[cell] == shown));
@@ -110,26 +111,29 @@ fn painter(chart: &Chart, palette: &Palette<'_>, cell: usize, choice: Choice) ->
         return own_first().next().filter(|&k| candidates.get(k).is_some_and(|c| c.shown[cell] != Shown::Hidden));
     }
     let clear: Vec<(usize, [f32; 3])> =
-        shows(Shown::Clear).filter_map(|k| Some((k, mean(palette, k, cell)?))).collect();
+        shows(Shown::Clear).filter_map(|k| Some((k, candidates[k].mean(chart, cell, palette.gains)?))).collect();
     if clear.len() < LEAST_PHOTOS {
         return clear.first().map(|(k, _)| *k).or_else(|| shows(Shown::Beside).next());
     }
-    let median: [f32; 3] = std::array::from_fn(|c| {
-        let mut values: Vec<f32> = clear.iter().map(|(_, mean)| mean[c]).collect();
-        values.sort_unstable_by(f32::total_cmp);
-        f32::midpoint(values[(values.len() - 1) / 2], values[values.len() / 2])
-    });
-    let off = |mean: &[f32; 3]| mean.iter().zip(median).map(|(v, m)| (v - m).abs()).fold(0.0, f32::max);
+    let median = median(clear.iter().map(|(_, mean)| *mean).collect());
+    let off = |mean: &[f32; 3]| difference(mean, &median);
     let agreeing = clear.iter().find(|(_, mean)| off(mean) <= AGREES_WITHIN);
     let nearest = || clear.iter().min_by(|(_, a), (_, b)| off(a).total_cmp(&off(b)));
     agreeing.or_else(nearest).map(|(k, _)| *k)
 }
 
-/// Mean colour of a cell in a photo, with its gain.
-fn mean(palette: &Palette<'_>, k: usize, cell: usize) -> Option<[f32; 3]> {
-    let candidate = &palette.candidates[k];
-    let gain = palette.gains[candidate.view];
-    Some(candidate.colours.as_ref()?.means[cell].map(|v| v * gain))
+/// Median of some colours, at least one, channel by channel.
+pub(super) fn median(colours: Vec<[f32; 3]>) -> [f32; 3] {
+    std::array::from_fn(|c| {
+        let mut values: Vec<f32> = colours.iter().map(|colour| colour[c]).collect();
+        values.sort_unstable_by(f32::total_cmp);
+        f32::midpoint(values[(values.len() - 1) / 2], values[values.len() / 2])
+    })
+}
+
+/// Largest difference of two colours over the channels.
+pub(super) fn difference(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
 
 /// Colour of a texel: of the photos of the four cells around it, by how near their middles are.

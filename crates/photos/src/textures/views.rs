@@ -49,28 +49,55 @@ pub(super) struct Candidate {
     pub view: usize,
     /// Worth of the photo for the surface: m² of full quality.
     pub worth: f64,
-    /// Worth at each cell, 0 to 1.
-    pub cell_worth: Vec<f32>,
+    /// Worth at the places where photos are compared, if nothing hides them there, 0 to 1; by their positions.
+    place_worth: BTreeMap<[i32; 2], f64>,
     /// Pixels per texel, geometric mean of both directions.
     pub pixels_per_texel: f64,
     /// One per cell.
     pub shown: Vec<Shown>,
-    /// Colours on the whole chart, and their means over cells; filled when the photo is decoded.
+    /// Colours on the chart; filled when the photo is decoded.
     pub colours: Option<Colours>,
 }
 
-/// Colours of a photo on a chart. Those of all photos together are most of the memory, so cells that are not painted have none.
+impl Candidate {
+    /// Worth at a cell, 0 to 1.
+    pub fn cell_worth(&self, chart: &Chart, cell: usize) -> f32 {
+        let share = match self.shown[cell] {
+            Shown::Hidden => return 0.0,
+            Shown::Beside => 0.5,
+            Shown::Clear => 1.0,
+        };
+        let of = self.place_worth.get(&Places::key(chart, cell)).copied().unwrap_or(0.0);
+        (share * of) as f32
+    }
+
+    /// Mean colour of a cell, with the photo's gain; `None` before the photo is decoded.
+    pub fn mean(&self, chart: &Chart, cell: usize, gains: &[f32]) -> Option<[f32; 3]> {
+        let gain = gains[self.view];
+        Some(self.colours.as_ref()?.mean(chart, cell).map(|v| v * gain))
+    }
+}
+
+/// Colours of a photo on a chart. Those of all photos together are most of the memory, so cells that are not painted have none, and what can be
+/// computed from them is not kept.
 #[derive(Debug)]
 pub(super) struct Colours {
     /// Texels of the cells that have colours, cell by cell and row by row.
     pub texels: Vec<[u8; 3]>,
     /// Position among the texels of the first one of each cell, and the end; equal ones for a cell without colours.
     pub first: Vec<u32>,
-    /// Means over the texels of each cell that are on the surface.
-    pub means: Vec<[f32; 3]>,
 }
 
 impl Colours {
+    /// Mean over the texels of a cell that are on the surface; black in a cell without colours.
+    pub fn mean(&self, chart: &Chart, cell: usize) -> [f32; 3] {
+        let texels = &self.texels[self.first[cell] as usize..self.first[cell + 1] as usize];
+        // Those beside the surface are black.
+        let sum = texels.iter().fold([0_u32; 3], |sum, texel| std::array::from_fn(|c| sum[c] + u32::from(texel[c])));
+        let n_texels = chart.cells[cell].n_texels.max(1);
+        sum.map(|v| v as f32 / n_texels as f32)
+    }
+
     /// Returns the colour of a texel, black in a cell without colours.
     pub fn at(&self, chart: &Chart, (x, y): (u32, u32)) -> [u8; 3] {
         let n = chart.cell_px;
@@ -129,21 +156,16 @@ pub(super) fn candidates(
         .collect();
     let of_view = |view: usize| {
         let shown = shown(scene, surface, chart, &views[view], choice);
-        let worth = |cell: usize| {
-            let of = qualities[places.of_cell[cell]][view].map_or(0.0, |quality| quality.worth);
-            let share = match shown[cell] {
-                Shown::Hidden => 0.0,
-                Shown::Beside => 0.5,
-                Shown::Clear => 1.0,
-            };
-            share * of
-        };
-        let cell_worth: Vec<f32> = (0..shown.len()).map(|cell| worth(cell) as f32).collect();
-        let area_m2 = |cell: usize| f64::from(chart.cells[cell].n_texels) * f64::from(chart.texel_m).powi(2);
-        let worth = (0..shown.len()).map(|cell| f64::from(cell_worth[cell]) * area_m2(cell)).sum();
+        let worth = |(place, of): (&[i32; 2], &Vec<Option<Quality>>)| Some((*place, of[view]?.worth));
+        let place_worth = places.keys.iter().zip(&qualities).filter_map(worth).collect();
         let pixels: Vec<f64> = qualities.iter().filter_map(|of| Some(of[view]?.pixels_per_texel)).collect();
         let pixels_per_texel = median_or(&pixels, 1.0);
-        Candidate { view: views[view].view, worth, cell_worth, pixels_per_texel, shown, colours: None }
+        let mut candidate =
+            Candidate { view: views[view].view, worth: 0.0, place_worth, pixels_per_texel, shown, colours: None };
+        let area_m2 = |cell: usize| f64::from(chart.cells[cell].n_texels) * f64::from(chart.texel_m).powi(2);
+        let worth = |cell: usize| f64::from(candidate.cell_worth(chart, cell)) * area_m2(cell);
+        candidate.worth = (0..chart.cells.len()).map(worth).sum();
+        candidate
     };
     let found: Vec<Candidate> = best_of_each(&qualities).into_iter().map(of_view).filter(|c| c.worth > 0.0).collect();
     if choice == Choice::BestPerSurface {
@@ -155,26 +177,31 @@ pub(super) fn candidates(
 
 /// Places of a surface at which photos are compared.
 struct Places {
+    /// Their positions, steps along both axes.
+    keys: Vec<[i32; 2]>,
     /// Cells that they are in the middle of.
     at: Vec<usize>,
-    /// For each cell the position of its place.
-    of_cell: Vec<usize>,
 }
 
 impl Places {
     fn of(chart: &Chart) -> Self {
         let is_open = |cell: &usize| chart.cells[*cell].n_texels > 0 && !chart.cells[*cell].is_party;
-        let key = |cell: usize| (chart.cells[cell].at / SPACING_M).floor().to_array().map(|v| v as i32);
         let mut groups: BTreeMap<[i32; 2], Vec<usize>> = BTreeMap::new();
-        (0..chart.cells.len()).filter(is_open).for_each(|cell| groups.entry(key(cell)).or_default().push(cell));
-        let (mut at, mut of_cell) = (Vec::new(), vec![0; chart.cells.len()]);
-        for cells in groups.into_values() {
+        (0..chart.cells.len())
+            .filter(is_open)
+            .for_each(|cell| groups.entry(Self::key(chart, cell)).or_default().push(cell));
+        let middle = |cells: &Vec<usize>| {
             let mean = cells.iter().map(|cell| chart.cells[*cell].at).sum::<Vec2>() / cells.len() as f32;
             let off = |cell: &usize| chart.cells[*cell].at.distance(mean);
-            cells.iter().for_each(|cell| of_cell[*cell] = at.len());
-            at.extend(cells.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b)).then(a.cmp(b))));
-        }
-        Self { at, of_cell }
+            cells.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b)).then(a.cmp(b)))
+        };
+        let (keys, at) = groups.iter().filter_map(|(key, cells)| Some((*key, middle(cells)?))).unzip();
+        Self { keys, at }
+    }
+
+    /// Position of the place of a cell.
+    fn key(chart: &Chart, cell: usize) -> [i32; 2] {
+        (chart.cells[cell].at / SPACING_M).floor().to_array().map(|v| v as i32)
     }
 }
 
@@ -192,16 +219,16 @@ fn best_of_each(qualities: &[Vec<Option<Quality>>]) -> BTreeSet<usize> {
 /// Photos that together show most, the one that adds most first.
 fn covering(mut found: Vec<Candidate>, chart: &Chart) -> Vec<Candidate> {
     let mut n_shown = vec![0_usize; chart.cells.len()];
+    let worth_of = |of: &Candidate| (0..chart.cells.len()).map(|cell| of.cell_worth(chart, cell)).collect();
+    let mut cell_worths: Vec<Vec<f32>> = found.iter().map(worth_of).collect();
     let (mut kept, mut total): (Vec<Candidate>, f64) = (Vec::new(), 0.0);
     loop {
         let weight = |cell: usize| WEIGHTS.get(n_shown[cell]).copied().unwrap_or(0.0);
-        let gain = |candidate: &Candidate| {
-            let of = |cell: usize| {
-                weight(cell) * f64::from(candidate.cell_worth[cell]) * f64::from(chart.cells[cell].n_texels)
-            };
+        let gain = |cell_worth: &Vec<f32>| {
+            let of = |cell: usize| weight(cell) * f64::from(cell_worth[cell]) * f64::from(chart.cells[cell].n_texels);
             (0..n_shown.len()).map(of).sum::<f64>()
         };
-        let gains = found.iter().map(gain).enumerate();
+        let gains = cell_worths.iter().map(gain).enumerate();
         // Of equals the first in the survey.
         let Some((best, gain)) = gains.max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))) else { break };
         if gain <= LEAST_GAIN * total {
@@ -209,6 +236,7 @@ fn covering(mut found: Vec<Candidate>, chart: &Chart) -> Vec<Candidate> {
         }
         total += gain;
         let candidate = found.remove(best);
+        cell_worths.remove(best);
         n_shown.iter_mut().zip(&candidate.shown).for_each(|(n, shown)| *n += usize::from(*shown == Shown::Clear));
         kept.push(candidate);
     }

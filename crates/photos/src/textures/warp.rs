@@ -173,20 +173,16 @@ fn colours(
             first.push(n_texels);
         }
         let mut texels = Vec::with_capacity(n_texels as usize);
-        let mut means = vec![[0.0; 3]; chart.cells.len()];
         for cell in (0..chart.cells.len()).filter(|cell| first[*cell] < first[cell + 1]) {
             let image = CellImage::of(chart.corners_of(cell as u32), &seen);
-            let mut sum = [0_u32; 3];
             for (x, y) in chart.texels_of(cell as u32) {
                 // Beside the surface no colour is asked for.
                 let place = if chart.is_inside(x, y) { image.at(x, y, &seen) } else { None };
                 let colour = place.map_or([0.0; 3], |at| pyramid.colour(level, at / size)).map(|v| (v + 0.5) as u8);
-                sum.iter_mut().zip(colour).for_each(|(sum, value)| *sum += u32::from(value));
                 texels.push(colour);
             }
-            means[cell] = sum.map(|v| v as f32 / chart.cells[cell].n_texels as f32);
         }
-        Ok(Colours { texels, first, means })
+        Ok(Colours { texels, first })
     };
     places.par_iter().map(of_place).collect()
 }

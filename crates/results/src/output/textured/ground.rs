@@ -2,13 +2,9 @@
 
 use glam::{DVec2, DVec3};
 use image::RgbImage;
-use image::codecs::jpeg::JpegEncoder;
 use serde::{Deserialize, Serialize};
 
 use super::super::grid::OutputGrid;
-
-/// Quality of the JPEG, 1 to 100, as that of the buildings' pictures.
-const JPEG_QUALITY: u8 = 85;
 
 /// Ground with a picture of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -97,14 +93,7 @@ impl TexturedGround {
     }
 
     /// The picture as JPEG.
-    ///
-    /// # Panics
-    /// Never: memory takes every byte, and pages are smaller than the format's limit.
     pub(super) fn jpeg(&self) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY)
-            .encode_image(&self.picture)
-            .expect("a picture is a JPEG");
-        bytes
+        super::jpeg(&self.picture)
     }
 }

@@ -22,6 +22,8 @@ use std::fs;
 use std::path::Path;
 
 use glam::DVec3;
+use image::RgbImage;
+use image::codecs::jpeg::JpegEncoder;
 use indexmap::IndexSet;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -49,6 +51,8 @@ pub const SUMMARY: &str = "textures.json";
 const PICTURES: &str = "appearance";
 const GROUND: &str = "ground.json";
 const GROUND_PICTURE: &str = "appearance/ground.jpg";
+/// Quality of JPEG that is made here, 1 to 100, as that of the buildings' pictures.
+const JPEG_QUALITY: u8 = 85;
 /// Most buildings whose textures are in one file of 3D Tiles: 2 to 5 MB at 0.1 m texels.
 const MOST_BUILDINGS: usize = 50;
 /// Theme of textures and of colours where there are none.
@@ -184,6 +188,16 @@ pub fn remove(folder: &Path) -> Result<(), OutputError> {
         fs::remove_dir_all(folder).map_err(FileError::on("cannot remove", folder))?;
     }
     Ok(())
+}
+
+/// A picture as JPEG.
+///
+/// # Panics
+/// Never: memory takes every byte, and pictures are smaller than the format's limit.
+fn jpeg(picture: &RgbImage) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY).encode_image(picture).expect("a picture is a JPEG");
+    bytes
 }
 
 fn picture_name(page: usize) -> String {

@@ -8,6 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
+use image::RgbImage;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -66,11 +67,13 @@ pub struct TexturedCity {
     last: Mutex<Option<(usize, Solids)>>,
     /// Files of the pictures.
     pub(in crate::output) pictures: Vec<PathBuf>,
+    /// Side of a texel on the pictures of each folder, metres.
+    texels_m: Vec<f64>,
     /// The folders that have a ground, and what the names of their tiles begin with.
     pub(in crate::output) grounds: Vec<(String, PathBuf)>,
 }
 
-/// Greatest side of the picture of a ground that is far away, pixels; a first choice.
+/// Greatest side of a picture that is seen from far away, pixels; a first choice.
 const FAR_PX: u32 = 512;
 /// Most cells along a side of the mesh of a ground that is far away; a first choice.
 const FAR_CELLS: usize = 32;
@@ -78,6 +81,7 @@ const FAR_CELLS: usize = 32;
 /// The numbers that are read.
 #[derive(Deserialize)]
 struct Numbers {
+    texel_m: f64,
     buildings: BTreeMap<String, OfBuilding>,
 }
 
@@ -113,19 +117,20 @@ impl TexturedCity {
     /// As [`Self::of_result`].
     pub fn of_tiles(folders: &[PathBuf]) -> Result<Self, OutputError> {
         let (mut buildings, mut pictures) = (HashMap::new(), Vec::new());
-        let (mut n_before, mut grounds) = (Vec::new(), Vec::new());
+        let (mut n_before, mut texels_m, mut grounds) = (Vec::new(), Vec::new(), Vec::new());
         for (i, folder) in folders.iter().enumerate() {
             let numbers: Numbers = json(&folder.join(SUMMARY))?;
             let prefix = if folders.len() > 1 { format!("{i}/") } else { String::new() };
             let tile = |of: OfBuilding| of.tile.map(|tile| format!("{prefix}{tile}"));
             buildings.extend(numbers.buildings.into_iter().map(|(id, of)| (id, (i, tile(of)))));
             n_before.push(pictures.len());
+            texels_m.push(numbers.texel_m);
             let all = (0..).map(|page| folder.join(super::picture_name(page)));
             pictures.extend(all.take_while(|picture| picture.is_file()));
             grounds.extend(folder.join(GROUND).is_file().then(|| (prefix.clone(), folder.clone())));
         }
         let folders = folders.to_vec();
-        Ok(Self { folders, n_before, buildings, last: Mutex::new(None), pictures, grounds })
+        Ok(Self { folders, n_before, buildings, last: Mutex::new(None), pictures, texels_m, grounds })
     }
 
     /// Bytes of the pictures of buildings, and of the grounds.
@@ -158,15 +163,30 @@ impl TexturedCity {
         i: usize,
     ) -> Result<Option<(TexturedGround, Vec<u8>, f64)>, OutputError> {
         let (ground, jpeg) = self.ground(i)?;
-        let path = self.grounds[i].1.join(GROUND_PICTURE);
-        let picture = image::load_from_memory(&jpeg).map_err(|e| malformed(&path, &e.to_string()))?;
-        if picture.width().max(picture.height()) <= 2 * FAR_PX {
-            return Ok(None);
-        }
-        let far = ground.coarser(picture.thumbnail(FAR_PX, FAR_PX).into_rgb8(), FAR_CELLS);
+        let Some((picture, _)) = far_picture(&self.grounds[i].1.join(GROUND_PICTURE), &jpeg)? else { return Ok(None) };
+        let far = ground.coarser(picture, FAR_CELLS);
         let px_m = (far.bounds_m[2] - far.bounds_m[0]) / f64::from(far.picture.width());
         let jpeg = far.jpeg();
         Ok(Some((far, jpeg, px_m)))
+    }
+
+    /// A picture of buildings, JPEG.
+    ///
+    /// # Errors
+    /// [`OutputError`]: a file that cannot be read.
+    pub(in crate::output) fn picture(&self, page: usize) -> Result<Vec<u8>, OutputError> {
+        let path = &self.pictures[page];
+        Ok(fs::read(path).map_err(FileError::on("cannot read", path))?)
+    }
+
+    /// The same as it is shown from far away, and the side of its pixels, metres; `None` where that is hardly smaller.
+    ///
+    /// # Errors
+    /// As [`Self::picture`], and for one that is no picture.
+    pub(in crate::output) fn far_picture(&self, page: usize) -> Result<Option<(Vec<u8>, f64)>, OutputError> {
+        let folder = self.n_before.partition_point(|n_before| *n_before <= page) - 1;
+        let far = far_picture(&self.pictures[page], &self.picture(page)?)?;
+        Ok(far.map(|(picture, share)| (super::jpeg(&picture), self.texels_m[folder] / share)))
     }
 
     /// Solids of a folder.
@@ -241,6 +261,17 @@ impl TexturedSolid {
 fn json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, OutputError> {
     let bytes = fs::read(path).map_err(FileError::on("cannot read", path))?;
     serde_json::from_slice(&bytes).map_err(|e| malformed(path, &e.to_string()))
+}
+
+/// A picture as it is shown from far away, and its width as a share of the given one's; `None` where that is hardly smaller.
+fn far_picture(path: &Path, jpeg: &[u8]) -> Result<Option<(RgbImage, f64)>, OutputError> {
+    let picture = image::load_from_memory(jpeg).map_err(|e| malformed(path, &e.to_string()))?;
+    if picture.width().max(picture.height()) <= 2 * FAR_PX {
+        return Ok(None);
+    }
+    let far = picture.thumbnail(FAR_PX, FAR_PX).into_rgb8();
+    let share = f64::from(far.width()) / f64::from(picture.width());
+    Ok(Some((far, share)))
 }
 
 fn malformed(path: &Path, reason: &str) -> OutputError {

@@ -199,6 +199,14 @@ impl TileMesh {
         indices.extend(triangles.iter().flatten().map(|&i| (first + i) as u32));
     }
 
+    /// Positions of the pictures that it has.
+    pub fn pages(&self) -> impl Iterator<Item = usize> + '_ {
+        self.indices.keys().filter_map(|material| match material {
+            Material::Page(page) => Some(*page),
+            Material::Palette => None,
+        })
+    }
+
     /// Smallest and largest coordinates.
     #[must_use]
     pub fn bounds(&self) -> [DVec3; 2] {

@@ -23,7 +23,6 @@ mod spool;
 use crate::output::grid::SCALE_M;
 use crate::output::prism::MIN_THICKNESS_M;
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 
 use glam::DVec3;
@@ -41,7 +40,7 @@ use super::roof_solid::{self, Detail};
 use super::textured::{TexturedCity, TexturedGround};
 use super::{BuildingRecord, CityModel, OutputError, Overview, Records};
 pub use glb::Precision;
-use mesh::{Material, TileBuilding, TileMesh};
+use mesh::{TileBuilding, TileMesh};
 use metadata::NamedColumns;
 pub use place::Heights;
 use place::TilesetPlace;
@@ -82,11 +81,13 @@ const LINEAGE: &str = "lineage.json";
 /// Name of the tile of the ground.
 const GROUND: &str = "ground";
 const FAR_GROUND: &str = "ground-far";
-/// Error of the ground as it is seen from far away, in its pixels: viewers go on to the near one where an error is larger than some 16 pixels of
+/// After the name of a tile that is seen from far away.
+const FAR: &str = "-far";
+/// Error of what is seen from far away, in its pixels: viewers go on to the near one where an error is larger than some 16 pixels of
 /// the screen, so where one of its pixels covers two of them.
 const FAR_PIXELS: f64 = 8.0;
 
-/// Ground as it is seen from close by or from far away.
+/// Whether something is seen from close by or from far away.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Distance {
     Near,
@@ -104,8 +105,8 @@ pub(crate) struct MapView {
 }
 
 impl MapView {
-    /// View of the records that have textures; `None` where none has, or where it would have more than some bytes. Ground that is too much is as
-    /// from far away.
+    /// View of the records that have textures; `None` where none has, or where it would have more than some bytes. What is too much is as from
+    /// far away: first the ground, then the buildings.
     ///
     /// # Errors
     /// [`OutputError`]: pictures that cannot be read.
@@ -116,10 +117,8 @@ impl MapView {
         most_bytes: usize,
     ) -> Result<Option<Self>, OutputError> {
         let [of_buildings, of_grounds] = textured.n_bytes()?.map(|n| n as usize);
-        if of_buildings > most_bytes {
-            return Ok(None);
-        }
-        let distance = if of_buildings + of_grounds > most_bytes { Distance::Far } else { Distance::Near };
+        let distance_of = |n_bytes: usize| if n_bytes > most_bytes { Distance::Far } else { Distance::Near };
+        let distance = distance_of(of_buildings + of_grounds);
         let block = |record: &BuildingRecord| {
             let prism = SnappedPrism::of(record, grid, MIN_THICKNESS_M).ok()?;
             let found = textured.solid(&record.id, &prism, grid).transpose()?;
@@ -146,14 +145,18 @@ impl MapView {
             precision: Precision::Float,
             textured: Some(textured),
         };
-        let tile = writer.tile_of(&blocks, "buildings", &|i| shown[i] as u32)?;
+        let mut mesh = writer.mesh_of(&blocks)?;
+        mesh.of.features.iter_mut().for_each(|feature| *feature = shown[*feature as usize] as u32);
+        let far = if distance_of(of_buildings) == Distance::Far { writer.far_pictures(&mesh.of)? } else { None };
+        let pictures = far.map_or_else(|| writer.pictures(&mesh.of), |(far, _)| Ok(far))?;
+        let buildings = writer.glb_of(&mesh, &blocks, "buildings", &pictures);
         let mut grounds = Vec::new();
         for i in 0..textured.grounds.len() {
             let far = if distance == Distance::Far { writer.far_ground(textured, i)? } else { None };
             let ground = far.map_or_else(|| writer.near_ground(textured, i), |(ground, _)| Ok(ground));
             grounds.push(ground?.0);
         }
-        let view = Self { buildings: tile.0, grounds, shown };
+        let view = Self { buildings, grounds, shown };
         let n_bytes = view.buildings.len() + view.grounds.iter().map(Vec::len).sum::<usize>();
         Ok((n_bytes <= most_bytes).then_some(view))
     }
@@ -184,6 +187,7 @@ pub fn write_textured<R: Records + ?Sized>(
 ) -> Result<Overview, OutputError> {
     let overview = Overview::of(model.records)?;
     let grid = overview.grid(SCALE_M)?;
+    let size_m = size_m(&overview);
     let rows = FootprintRows::new(&overview, grid, MIN_THICKNESS_M);
     let centre_m = overview.extent.map_or(DVec3::ZERO, |extent| {
         let [low, high] = [extent.min_m, extent.max_m].map(DVec3::from_array);
@@ -206,7 +210,7 @@ pub fn write_textured<R: Records + ?Sized>(
             textured,
         };
         let root = match &tree {
-            Some(tree) => writer.root(tree, temporary)?,
+            Some(tree) => writer.root(tree, size_m, temporary)?,
             None => json!({ "boundingVolume": { "box": [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, "geometricError": 0 }),
         };
         let tileset = tileset(root, &overview, (shown.hidden.n(), textured.is_some()), config, &place);
@@ -270,6 +274,11 @@ fn item(idx: usize, block: &TileBuilding, grid: &OutputGrid) -> TreeItem {
     TreeItem { idx, centre: [middle.x, middle.y], size_m: (high - low).length() }
 }
 
+/// Size of a city, metres.
+fn size_m(overview: &Overview) -> f64 {
+    overview.extent.map_or(0.0, |e| (DVec3::from_array(e.max_m) - DVec3::from_array(e.min_m)).length())
+}
+
 fn tileset(
     mut root: Value,
     overview: &Overview,
@@ -280,8 +289,6 @@ fn tileset(
     root["transform"] = json!(place.transform());
     root["refine"] = json!("ADD");
     let root_error_m = root["geometricError"].as_f64().unwrap_or(0.0);
-    // Without any tile the whole city is missing.
-    let size_m = overview.extent.map_or(0.0, |e| (DVec3::from_array(e.max_m) - DVec3::from_array(e.min_m)).length());
     json!({
         "asset": {
             "version": "1.1",
@@ -293,7 +300,8 @@ fn tileset(
                 "textures": has_textures,
             } },
         },
-        "geometricError": size_m.max(root_error_m),
+        // Without any tile the whole city is missing.
+        "geometricError": size_m(overview).max(root_error_m),
         "root": root,
     })
 }
@@ -310,6 +318,15 @@ struct TileWriter<'a> {
     textured: Option<&'a TexturedCity>,
 }
 
+/// Pictures of triangles, JPEG, by their position among all.
+type Pictures = BTreeMap<usize, Vec<u8>>;
+
+/// Triangles and their plain colours.
+struct PaintedMesh {
+    of: TileMesh,
+    palette: Palette,
+}
+
 /// Binary glTF, and its box in glTF's axes.
 type BoxedGlb = (Vec<u8>, [DVec3; 2]);
 
@@ -322,8 +339,8 @@ struct WrittenTile {
 
 impl TileWriter<'_> {
     /// Writes the tree, and the ground beside it.
-    fn root(&self, tree: &Node, folder: &Path) -> Result<Value, OutputError> {
-        let WrittenTile { json, bounds: [low, high] } = self.tile(tree, folder)?;
+    fn root(&self, tree: &Node, size_m: f64, folder: &Path) -> Result<Value, OutputError> {
+        let WrittenTile { json, bounds: [low, high] } = self.tile(tree, size_m, folder)?;
         let Some(textured) = self.textured.filter(|textured| !textured.grounds.is_empty()) else { return Ok(json) };
         let grounds: Vec<WrittenTile> =
             (0..textured.grounds.len()).map(|i| self.ground(textured, i, folder)).collect::<Result<_, _>>()?;
@@ -332,7 +349,7 @@ impl TileWriter<'_> {
         let children: Vec<Value> = std::iter::once(json).chain(grounds.into_iter().map(|of| of.json)).collect();
         Ok(json!({
             "boundingVolume": { "box": bounding_box(all) },
-            "geometricError": (size_m * STEPS_A_METRE).ceil() / STEPS_A_METRE,
+            "geometricError": rounded_up(size_m),
             "children": children,
         }))
     }
@@ -340,26 +357,10 @@ impl TileWriter<'_> {
     /// Writes a ground of a textured city: near, and for far away where that is smaller.
     fn ground(&self, textured: &TexturedCity, i: usize, folder: &Path) -> Result<WrittenTile, OutputError> {
         let near = self.near_ground(textured, i)?;
-        let write = |name: &str, (bytes, bounds): &BoxedGlb| -> Result<Value, OutputError> {
-            let uri = format!("tiles/{}{name}.glb", textured.grounds[i].0);
-            let path = folder.join(&uri);
-            write_whole_unflushed(&path, |out| out.write_all(bytes))?;
-            let volume = json!({ "box": bounding_box(*bounds) });
-            Ok(json!({
-                "boundingVolume": volume, "geometricError": 0, "content": { "uri": uri, "boundingVolume": volume },
-            }))
-        };
-        let mut json = write(GROUND, &near)?;
-        let mut bounds = near.1;
-        if let Some((far, px_m)) = self.far_ground(textured, i)? {
-            let near = std::mem::replace(&mut json, write(FAR_GROUND, &far)?);
-            bounds = [bounds[0].min(far.1[0]), bounds[1].max(far.1[1])];
-            json["boundingVolume"] = json!({ "box": bounding_box(bounds) });
-            json["geometricError"] = json!((FAR_PIXELS * px_m * STEPS_A_METRE).ceil() / STEPS_A_METRE);
-            json["refine"] = json!("REPLACE");
-            json["children"] = json!([near]);
-        }
-        Ok(WrittenTile { json, bounds })
+        let name = |name: &str| format!("{}{name}", textured.grounds[i].0);
+        let written = write_content(folder, &name(GROUND), &near)?;
+        let Some((far, px_m)) = self.far_ground(textured, i)? else { return Ok(written) };
+        Ok(written.after(write_content(folder, &name(FAR_GROUND), &far)?, px_m))
     }
 
     /// A ground of a textured city, and its box.
@@ -389,71 +390,112 @@ impl TileWriter<'_> {
         Ok((glb::glb(&tile, self.precision), mesh.bounds()))
     }
 
-    fn tile(&self, node: &Node, folder: &Path) -> Result<WrittenTile, OutputError> {
-        let uri = format!("tiles/{}.glb", node.name);
+    /// Writes a tile and all below it; without it errors are as large as `size_m`.
+    fn tile(&self, node: &Node, size_m: f64, folder: &Path) -> Result<WrittenTile, OutputError> {
         // A tile of another tree's may have lost all its buildings.
-        let own = if node.members.is_empty() { None } else { Some(self.content(node, &folder.join(&uri))?) };
-        let children: Vec<WrittenTile> =
-            node.children.iter().map(|child| self.tile(child, folder)).collect::<Result<_, _>>()?;
-        let boxes = own.into_iter().chain(children.iter().map(|child| child.bounds));
+        let own = if node.members.is_empty() { None } else { Some(self.content(node, folder)?) };
+        let below: Vec<WrittenTile> =
+            node.children.iter().map(|child| self.tile(child, node.error_m, folder)).collect::<Result<_, _>>()?;
+        let boxes = own.iter().chain(&below).map(|tile| tile.bounds);
         let union = |a: [DVec3; 2], b: [DVec3; 2]| [a[0].min(b[0]), a[1].max(b[1])];
         let bounds = boxes.reduce(union).unwrap_or_default();
-        let mut json = json!({
-            "boundingVolume": { "box": bounding_box(bounds) },
-            "geometricError": (node.error_m * STEPS_A_METRE).ceil() / STEPS_A_METRE,
-        });
-        if let Some(own) = own {
-            json["content"] = json!({ "uri": uri, "boundingVolume": { "box": bounding_box(own) } });
+        let mut json =
+            json!({ "boundingVolume": { "box": bounding_box(bounds) }, "geometricError": rounded_up(node.error_m) });
+        let mut children: Vec<Value> = below.into_iter().map(|tile| tile.json).collect();
+        if let Some(mut own) = own {
+            if own.json["children"].is_array() {
+                // A nearer one replaces it alone, not the tiles below.
+                let error_m = own.json["geometricError"].as_f64().unwrap_or(0.0);
+                json["geometricError"] = json!(rounded_up(size_m).max(error_m));
+                children.insert(0, own.json);
+            } else {
+                json["content"] = own.json["content"].take();
+            }
         }
         if !children.is_empty() {
-            json["children"] = children.into_iter().map(|child| child.json).collect();
+            json["children"] = Value::Array(children);
         }
         Ok(WrittenTile { json, bounds })
     }
 
-    /// Writes what a tile shows itself; its box.
-    fn content(&self, node: &Node, path: &Path) -> Result<[DVec3; 2], OutputError> {
-        let Some(spool) = self.spool else { return Ok([DVec3::ZERO; 2]) };
-        let blocks = spool.read(&node.members).map_err(FileError::on("cannot read back for", path))?;
-        let (bytes, bounds) = self.tile_of(&blocks, &node.name, &|i| i as u32)?;
-        write_whole_unflushed(path, |out| out.write_all(&bytes))?;
-        Ok(bounds)
+    /// Writes what a tile shows itself: near, and for far away where that is smaller.
+    fn content(&self, node: &Node, folder: &Path) -> Result<WrittenTile, OutputError> {
+        let Some(spool) = self.spool else { return Ok(WrittenTile { json: Value::Null, bounds: [DVec3::ZERO; 2] }) };
+        let blocks = spool.read(&node.members).map_err(FileError::on("cannot read back for", folder))?;
+        let mesh = self.mesh_of(&blocks)?;
+        let write = |name: &str, pictures: &Pictures| {
+            let bytes = self.glb_of(&mesh, &blocks, &node.name, pictures);
+            write_content(folder, name, &(bytes, mesh.of.bounds()))
+        };
+        let written = write(&node.name, &self.pictures(&mesh.of)?)?;
+        let Some((far, px_m)) = self.far_pictures(&mesh.of)? else { return Ok(written) };
+        Ok(written.after(write(&format!("{}{FAR}", node.name), &far)?, px_m))
     }
 
-    /// The tile of some blocks, and its box; `feature_of` numbers them.
-    fn tile_of(
-        &self,
-        blocks: &[TileBuilding],
-        name: &str,
-        feature_of: &dyn Fn(usize) -> u32,
-    ) -> Result<BoxedGlb, OutputError> {
+    /// Triangles of some blocks; feature `i` is block `i`.
+    fn mesh_of(&self, blocks: &[TileBuilding]) -> Result<PaintedMesh, OutputError> {
         let palette = Palette::of(blocks.iter().flat_map(TileBuilding::colours));
-        let mut mesh = TileMesh::of(blocks, &palette, self.grid, self.place)?;
-        mesh.features.iter_mut().for_each(|feature| *feature = feature_of(*feature as usize));
+        Ok(PaintedMesh { of: TileMesh::of(blocks, &palette, self.grid, self.place)?, palette })
+    }
+
+    fn glb_of(&self, mesh: &PaintedMesh, blocks: &[TileBuilding], name: &str, pictures: &Pictures) -> Vec<u8> {
         let rows: Vec<&[Value]> = blocks.iter().map(|block| block.values.as_slice()).collect();
         let tile = glb::GlbTile {
-            mesh: &mesh,
+            mesh: &mesh.of,
             rows: &rows,
-            palette: &palette,
-            pictures: &self.pictures(&mesh)?,
+            palette: &mesh.palette,
+            pictures,
             properties: self.properties,
             name,
         };
-        Ok((glb::glb(&tile, self.precision), mesh.bounds()))
+        glb::glb(&tile, self.precision)
     }
 
     /// Reads the pictures that a mesh has.
-    fn pictures(&self, mesh: &TileMesh) -> Result<BTreeMap<usize, Vec<u8>>, OutputError> {
+    fn pictures(&self, mesh: &TileMesh) -> Result<Pictures, OutputError> {
         let Some(textured) = self.textured else { return Ok(BTreeMap::new()) };
-        let pages = mesh.indices.keys().filter_map(|material| match material {
-            Material::Page(page) => Some(*page),
-            Material::Palette => None,
-        });
-        let read = |page: usize| -> Result<_, OutputError> {
-            let path = &textured.pictures[page];
-            Ok((page, fs::read(path).map_err(FileError::on("cannot read", path))?))
-        };
-        pages.map(read).collect()
+        mesh.pages().map(|page| Ok((page, textured.picture(page)?))).collect()
+    }
+
+    /// The same as they are seen from far away, and the side of the largest of their pixels, metres; `None` where those are hardly smaller.
+    fn far_pictures(&self, mesh: &TileMesh) -> Result<Option<(Pictures, f64)>, OutputError> {
+        let Some(textured) = self.textured else { return Ok(None) };
+        let (mut pictures, mut most_m) = (BTreeMap::new(), 0.0_f64);
+        for page in mesh.pages() {
+            let picture = match textured.far_picture(page)? {
+                Some((far, px_m)) => {
+                    most_m = most_m.max(px_m);
+                    far
+                }
+                None => textured.picture(page)?,
+            };
+            pictures.insert(page, picture);
+        }
+        Ok((most_m > 0.0).then_some((pictures, most_m)))
+    }
+}
+
+/// Writes a file of a tileset, and the tile that it is.
+fn write_content(folder: &Path, name: &str, (bytes, bounds): &BoxedGlb) -> Result<WrittenTile, OutputError> {
+    let uri = format!("tiles/{name}.glb");
+    write_whole_unflushed(&folder.join(&uri), |out| out.write_all(bytes))?;
+    let volume = json!({ "box": bounding_box(*bounds) });
+    let json = json!({
+        "boundingVolume": volume, "geometricError": 0, "content": { "uri": uri, "boundingVolume": volume },
+    });
+    Ok(WrittenTile { json, bounds: *bounds })
+}
+
+impl WrittenTile {
+    /// This tile after one that shows the same from far away, with pixels of a size in metres.
+    fn after(self, far: Self, px_m: f64) -> Self {
+        let Self { mut json, bounds: [low, high] } = far;
+        let bounds = [low.min(self.bounds[0]), high.max(self.bounds[1])];
+        json["boundingVolume"] = json!({ "box": bounding_box(bounds) });
+        json["geometricError"] = json!(rounded_up(FAR_PIXELS * px_m));
+        json["refine"] = json!("REPLACE");
+        json["children"] = json!([self.json]);
+        Self { json, bounds }
     }
 }
 
@@ -461,6 +503,10 @@ impl TileWriter<'_> {
 const BOX_MARGIN_M: f64 = 5e-4;
 /// Boxes begin and end at whole millimetres, so that one within another stays so, and numbers are short.
 const STEPS_A_METRE: f64 = 1000.0;
+
+fn rounded_up(metres: f64) -> f64 {
+    (metres * STEPS_A_METRE).ceil() / STEPS_A_METRE
+}
 
 /// Centre and half axes in the tileset's axes (z up), from a box in glTF's (y up).
 fn bounding_box([low, high]: [DVec3; 2]) -> [f64; 12] {

@@ -353,7 +353,7 @@ class Scene {
   }
 
   inSight(clip) {
-    return [...this.chunks].filter(({ ball }) => inSight(clip, ball.centre, ball.radius));
+    return [...this.chunks].filter(({ ball, isHidden }) => !isHidden && inSight(clip, ball.centre, ball.radius));
   }
 
   resize() {

@@ -1,5 +1,6 @@
 // Streams a 3D Tiles tileset: tiles whose children would show more than some pixels are refined, those out of sight are not asked for, and the
-// ones longest out of use go when there are too many. Buildings are added to those of coarser tiles; finer ground replaces coarser.
+// ones longest out of use go when there are too many. Buildings are added to those of coarser tiles; finer ground replaces coarser, and buildings
+// with finer pictures the same with coarser ones.
 
 // Children are loaded where what they add is larger than this, pixels.
 const MOST_ERROR_PX = 12;
@@ -36,7 +37,10 @@ function createTileset(scene, on) {
     const transform = json.transform ? wide.multiply(parentTransform, json.transform) : parentTransform;
     const tile = { json, transform, base, state: "new", children: [], used: 0, error: json.geometricError };
     tile.content = json.content ?? null;
+    tile.isReplaced = json.refine === "REPLACE";
     tile.children = (json.children ?? []).map((child) => tileOf(child, transform, base));
+    // What replaces a tile has its buildings.
+    if (tile.isReplaced) tile.children.forEach((child) => { child.coarse = tile; });
     return tile;
   }
 
@@ -85,8 +89,10 @@ function createTileset(scene, on) {
         if (tile.state === "new") wanted.push([distance, tile]);
       }
       const errorPx = (tile.error * heightPx) / (2 * distance * Math.tan(FIELD_OF_VIEW / 2));
-      tile.children.forEach((child) => visit(child, isSeen && errorPx > MOST_ERROR_PX));
-      if (tile.ground) hide(tile.ground, tile.children.some((child) => child.ground && child.used === clock));
+      const isRefined = isSeen && errorPx > MOST_ERROR_PX && (!tile.isReplaced || tile.state === "shown");
+      tile.children.forEach((child) => visit(child, isRefined));
+      const isUsed = (of) => of.state === "shown" && of.used === clock;
+      if (tile.state === "shown" && (tile.isReplaced || tile.coarse)) hide(chunkOf(tile), !isUsed(tile) || tile.children.some((child) => child.coarse && isUsed(child)));
     };
     visit(tileset.root, true);
     wanted.sort((a, b) => a[0] - b[0]);
@@ -96,6 +102,8 @@ function createTileset(scene, on) {
     }
     makeRoom();
   };
+
+  const chunkOf = ({ ground, chunk }) => ground ?? chunk;
 
   function hide(chunk, isHidden) {
     if (Boolean(chunk.isHidden) === isHidden) return;
@@ -138,6 +146,7 @@ function createTileset(scene, on) {
       return;
     }
     const properties = propertiesOf(glb);
+    tile.first ??= tile.coarse?.first;
     if (tile.first === undefined) {
       tile.first = tileset.features.length;
       const columns = Object.fromEntries(["height_m", "height_sigma_m", "status", "n_views"].map((name) => [name, properties.column(name)]));
