@@ -8,13 +8,13 @@ use super::ui::warn_of_unfinished;
 use super::{Call, Failure, Global, Ui, counted, print_json};
 use sizeup_geo::crs::Crs;
 use sizeup_results::output::cityjson::{self, AttributeNames, CityJsonConfig};
+#[cfg(feature = "flatcitybuf")]
+use sizeup_results::output::flatcitybuf;
 use sizeup_results::output::geopackage::{self, GeoPackageConfig, ProjectGround};
 use sizeup_results::output::read::{LAYERED_RESULTS, RESULTS, ReadOptions, RecordFile, result_file};
 use sizeup_results::output::textured::TexturedCity;
 use sizeup_results::output::tiles3d::{self, Heights, Precision, Tiles3dConfig};
 use sizeup_results::output::{CityModel, InputFile, Lineage, OutputError, Overview, Records};
-#[cfg(feature = "flatcitybuf")]
-use sizeup_results::output::flatcitybuf;
 use sizeup_results::output::{citygml, csv, dxf, flatgeobuf, geojson, kml, mesh};
 use sizeup_survey::Survey;
 

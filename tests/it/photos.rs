@@ -218,12 +218,12 @@ fn a_run_without_a_terrain_model_makes_one_from_its_photos() {
     // A level that is some metres off at most places, and a model whose heights count from elsewhere. The ground is the
     // same whether roofs are refined or not.
     let pictured = "output.pictures=true";
-    let level = run(scene, "level", &["terrain={constant_m=22.0}", "dtm={margin_m=60.0}", BLIND, pictured]);
+    let level = run(scene, "level", &["terrain={constant_m=22.0}", "dtm={}", BLIND, pictured]);
     assert!(
         ground_sigmas_m(&level).iter().all(|sigma_m| (0.1..2.0).contains(sigma_m))
             && ground_sigmas_m(&level).len() >= 11
     );
-    let shifted = run(scene, "shifted", &["terrain.vertical_offset_m=2.5", "dtm={margin_m=60.0}", BLIND]);
+    let shifted = run(scene, "shifted", &["terrain.vertical_offset_m=2.5", "dtm={}", BLIND]);
     assert!(level.join("stages/dtm.tif").is_file() && level.join("pictures/dtm.png").is_file());
     let (level, shifted) = (mean_error_m(scene, &level), mean_error_m(scene, &shifted));
     println!("model {by_priors:.2} m, level {level:.2} m, shifted {shifted:.2} m");

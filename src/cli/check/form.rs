@@ -11,7 +11,7 @@ use sizeup_results::output::validate::schema::{self, SchemaCheck, SchemaFault};
 /// Faults after which the rest of a sequence is passed over unless all are asked for.
 const MAX_FAULTS: usize = 200;
 
-/// What was found.
+/// The findings of cjval in one file.
 #[derive(Serialize)]
 #[serde(transparent)]
 pub(super) struct Form(SchemaCheck);

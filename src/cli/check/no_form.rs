@@ -6,12 +6,12 @@ use serde::Serialize;
 
 use super::super::Failure;
 
-/// There is none.
+/// The findings that this program cannot have.
 #[derive(Serialize)]
 pub(super) enum Form {}
 
 impl Form {
-    /// Refuses.
+    /// Refuses the check and says how to build a program that has it.
     pub(super) fn check(_: &Path, _: bool) -> Result<Self, Failure> {
         let text = "this program was built without the check of a file's form (cjval)\nhint: --no-schema checks the solids alone; `cargo build --release --features full` builds all in";
         Err(Failure::from_text(2, text))
