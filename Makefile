@@ -70,9 +70,10 @@ train-test: deps ## Run the tests of training/ (footprint networks), and its lin
 	cd training && CARGO_TARGET_DIR=$(CURDIR)/target $(CARGO) clippy --release --locked --all-targets -- -D warnings
 	cd training && CARGO_TARGET_DIR=$(CURDIR)/target $(CARGO) test --release --locked
 
-lint: deps ## Check formatting, lints and the documentation, warnings are errors
+lint: deps ## Check formatting, lints (with and without rare formats) and the documentation, warnings are errors
 	$(CARGO) fmt --check
 	$(CARGO) clippy --workspace --locked --all-targets -- -D warnings
+	$(CARGO) clippy --locked -- -D warnings
 	RUSTDOCFLAGS="$(RUSTDOC_STRICT)" $(CARGO) doc --workspace --locked --no-deps
 
 bench: deps ## Run the benchmarks

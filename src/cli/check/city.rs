@@ -53,7 +53,7 @@ pub(super) fn run(path: &Path, args: &CityArgs, global: &Global) -> Result<u8, F
         ..ValidateConfig::default()
     };
     let solids = validate_file(&file, &config).map_err(|e| Failure::new(3, &e))?;
-    let is_valid = solids.is_valid() && form.as_ref().is_none_or(|form| form.is_sound());
+    let is_valid = solids.is_valid() && form.as_ref().is_none_or(Form::is_sound);
     if global.json {
         print_json(&ValidationOutcome { solids, form, unfinished: told_of(&file) })?;
     } else {

@@ -34,7 +34,7 @@ pub(super) fn find(
             if means.len() < LEAST_PHOTOS {
                 continue;
             }
-            let median = median(means.iter().map(|(_, mean)| *mean).collect());
+            let median = median(&means.iter().map(|(_, mean)| *mean).collect::<Vec<_>>());
             for (k, mean) in means {
                 counts[k].1[0] += 1;
                 counts[k].1[1] += usize::from(difference(&mean, &median) > AGREES_WITHIN);

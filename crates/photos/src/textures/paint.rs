@@ -115,7 +115,7 @@ fn painter(chart: &Chart, palette: &Palette<'_>, cell: usize, choice: Choice) ->
     if clear.len() < LEAST_PHOTOS {
         return clear.first().map(|(k, _)| *k).or_else(|| shows(Shown::Beside).next());
     }
-    let median = median(clear.iter().map(|(_, mean)| *mean).collect());
+    let median = median(&clear.iter().map(|(_, mean)| *mean).collect::<Vec<_>>());
     let off = |mean: &[f32; 3]| difference(mean, &median);
     let agreeing = clear.iter().find(|(_, mean)| off(mean) <= AGREES_WITHIN);
     let nearest = || clear.iter().min_by(|(_, a), (_, b)| off(a).total_cmp(&off(b)));
@@ -123,7 +123,7 @@ fn painter(chart: &Chart, palette: &Palette<'_>, cell: usize, choice: Choice) ->
 }
 
 /// Median of some colours, at least one, channel by channel.
-pub(super) fn median(colours: Vec<[f32; 3]>) -> [f32; 3] {
+pub(super) fn median(colours: &[[f32; 3]]) -> [f32; 3] {
     std::array::from_fn(|c| {
         let mut values: Vec<f32> = colours.iter().map(|colour| colour[c]).collect();
         values.sort_unstable_by(f32::total_cmp);

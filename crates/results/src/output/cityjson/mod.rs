@@ -30,6 +30,7 @@ use super::{BuildingRecord, CityModel, OutputError};
 pub use names::{AttributeNames, EXTENSION_PREFIX, extension_schema};
 use object::ObjectSettings;
 pub use read_sequence::CitySequence;
+#[cfg(feature = "flatcitybuf")]
 pub(super) use sequence::write_lines;
 pub use sequence::write_sequence;
 use sizeup_geo::files::{FileError, write_whole_or};
