@@ -145,7 +145,7 @@ fn run_marked(
     issues.extend(reviews.unmatched(records.as_slice())?);
     issues.extend(cityjson::check(&records)?);
     let moved_survey = heights.moved(&survey).into_owned();
-    let painted = textures::of_run(output.config, &records, &moved_survey, &stage)?;
+    let painted = textures::of_run(output, &records, &moved_survey, &stage)?;
     issues.extend(painted.iter().flat_map(|(_, textures)| textures.issues.iter().cloned()));
     sum_up(&mut summary, &records, &mut issues);
     let priors = priors.map_or_else(|| PriorStore::open(&settings.heights, &survey, &stage), Ok)?;

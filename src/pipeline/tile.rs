@@ -5,7 +5,7 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use geo::BoundingRect as _;
 use serde::{Deserialize, Serialize};
@@ -282,7 +282,7 @@ impl<'a> CityPart<'a> {
     ///
     /// # Errors
     /// [`PipelineError`] where the terrain cannot be read again after footprints were split.
-    pub fn solve(&self, core: &MapBox, tell: Tell<'_>) -> Result<PartHeights, PipelineError> {
+    pub fn solve(&self, core: &MapBox, scratch: &Path, tell: Tell<'_>) -> Result<PartHeights, PipelineError> {
         // What is measured of a layer as a whole is not measured tile by tile: neighbours would come apart.
         let search = HeightSearch::within_a_city(&self.settings.heights, &self.survey, tell, &solve);
         let (mut footprints, ground) = (self.footprints.clone(), &self.settings.footprints.ground);
@@ -316,7 +316,7 @@ impl<'a> CityPart<'a> {
             records((&self.settings.records, self.frame.bounds), &self.survey, &footprints, &heights, &self.reviews);
         let is_painted = self.settings.output.config.textures.enabled;
         let painted =
-            solved_scene.filter(|_| is_painted).map(|scene| self.paint(&records, core, &scene)).transpose()?;
+            solved_scene.filter(|_| is_painted).map(|scene| self.paint(&records, core, &scene, scratch)).transpose()?;
         Ok(PartHeights {
             painted,
             records,
@@ -338,9 +338,10 @@ impl<'a> CityPart<'a> {
         records: &[BuildingRecord],
         core: &MapBox,
         scene: &SceneStage,
+        scratch: &Path,
     ) -> Result<PaintedTile, PipelineError> {
         let (own, others): (Vec<_>, Vec<_>) = records.iter().cloned().partition(|record| self.owns(&record.id, core));
-        PaintedTile::new(self.settings.output.config, (&own, &others), core, &self.survey, scene)
+        PaintedTile::new(self.settings.output.config, (&own, &others), core, &self.survey, scene, scratch)
     }
 
     /// Middle of the footprint that a building of the result comes from, by the building's id: its own, or that of the

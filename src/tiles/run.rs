@@ -150,7 +150,7 @@ fn run_anew(
     // From here on its files are being replaced: the old word no longer holds.
     let path = layout.done(&tile.id);
     remove_if_there(&path)?;
-    let heights = part.solve(&tile.core, tell)?;
+    let heights = part.solve(&tile.core, &layout.tile(&tile.id), tell)?;
     let done = write(check, tile, &part, heights, wanted)?;
     if let Some(why) = check.tile_of(tile, views).why_stale(wanted) {
         return Err(TilesError::ChangedMeanwhile { id: tile.id.clone(), why });

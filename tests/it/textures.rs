@@ -138,7 +138,9 @@ impl Painted {
             texel_m: Some(TEXEL_M),
             choice,
             groups: &city.tile_of,
-        });
+            scratch: &std::env::temp_dir(),
+        })
+        .unwrap();
         Self { records, city, textures }
     }
 

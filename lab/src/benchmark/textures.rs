@@ -202,9 +202,9 @@ fn measure(
         .into_iter()
         .map(|(method, choice)| {
             let before = user_seconds();
-            let full = scene.bake(&scene.survey.views, config.texel_m, choice);
+            let full = scene.bake(&scene.survey.views, config.texel_m, choice, &plan.folder)?;
             let user_s = user_seconds().zip(before).map(|(after, before)| after - before);
-            let textures = scene.bake(&used, config.texel_m, choice);
+            let textures = scene.bake(&used, config.texel_m, choice, &plan.folder)?;
             let pictures = plan.folder.join("pictures").join(format!("{name}-{method}.png"));
             let near = compare(&scene, &textures, &left_out, &pictures, name)?;
             let summary = TextureSummary::of(&scene, &full);

@@ -144,9 +144,17 @@ impl TextureScene {
         Some(TexturedGround { picture, bounds_m: laid.bounds_m, n_nodes, heights_m, hidden_cells, photos: laid.photos })
     }
 
-    /// Textures from some of the photos.
-    #[must_use]
-    pub fn bake(&self, views: &[View], texel_m: Option<f64>, choice: Choice) -> Textures {
+    /// Textures from some of the photos; `scratch` is a folder for an unnamed file of colours.
+    ///
+    /// # Errors
+    /// [`FileError`]: no file can be written there.
+    pub fn bake(
+        &self,
+        views: &[View],
+        texel_m: Option<f64>,
+        choice: Choice,
+        scratch: &Path,
+    ) -> Result<Textures, FileError> {
         let decode = |view: &View| photo_of(view).map_err(|e| e.to_string());
         bake(&TextureTask {
             surfaces: &self.surfaces,
@@ -158,6 +166,7 @@ impl TextureScene {
             texel_m,
             choice,
             groups: &self.city.tile_of,
+            scratch,
         })
     }
 }
@@ -271,16 +280,17 @@ impl TextureSummary {
 
 /// Textures of a run's city, where they are asked for.
 pub(in crate::pipeline) fn of_run(
-    output: &OutputConfig,
+    output: &OutputSettings<'_>,
     records: &[BuildingRecord],
     survey: &Survey,
     stage: &SceneStage,
 ) -> Result<Option<(TextureScene, Textures)>, PipelineError> {
-    if !output.textures.enabled {
+    let config = output.config;
+    if !config.textures.enabled {
         return Ok(None);
     }
-    let scene = TextureScene::new(output, records, survey, stage)?;
-    let textures = scene.bake(&survey.views, output.textures.texel_m, Choice::Agreeing);
+    let scene = TextureScene::new(config, records, survey, stage)?;
+    let textures = scene.bake(&survey.views, config.textures.texel_m, Choice::Agreeing, output.folder.path())?;
     Ok(Some((scene, textures)))
 }
 
@@ -298,9 +308,10 @@ impl PaintedTile {
         core: &MapBox,
         survey: &Survey,
         stage: &SceneStage,
+        scratch: &Path,
     ) -> Result<Self, PipelineError> {
         let scene = TextureScene::beside(output, records, Some(*core), survey, stage)?;
-        let textures = scene.bake(&survey.views, output.textures.texel_m, Choice::Agreeing);
+        let textures = scene.bake(&survey.views, output.textures.texel_m, Choice::Agreeing, scratch)?;
         Ok(Self { scene, textures })
     }
 
@@ -373,7 +384,8 @@ pub fn texture(settings: &RunSettings<'_>) -> Result<Texturing, PipelineError> {
         message: e.to_string(),
         stage: Stage::Output.name(),
     })?;
-    let textures = scene.bake(&scene.survey.views, output.config.textures.texel_m, Choice::Agreeing);
+    let texel_m = output.config.textures.texel_m;
+    let textures = scene.bake(&scene.survey.views, texel_m, Choice::Agreeing, output.folder.path())?;
     let model = CityModel {
         records: scene.records.as_slice(),
         crs: settings.survey.crs,

@@ -7,7 +7,6 @@
 //! `g`: logarithm of a photo's gain; `r_ab`: median over the `n` shared cells of the logarithm of a's brightness by b's. The last
 //! term keeps the town as bright as its photos are.
 
-use super::chart::Chart;
 use super::median_or;
 use super::views::Candidate;
 use super::warp::shared;
@@ -20,14 +19,12 @@ const N_SWEEPS: usize = 50;
 const DARKEST: f32 = 8.0;
 
 /// Factors of the photos' colours, one per view.
-pub(super) fn solve(n_views: usize, charts: &[Option<Chart>], candidates: &[Vec<Candidate>]) -> Vec<f32> {
+pub(super) fn solve(n_views: usize, candidates: &[Vec<Candidate>]) -> Vec<f32> {
     let mut pairs: Vec<Vec<(usize, f64, f64)>> = vec![Vec::new(); n_views];
-    for (chart, of_surface) in charts.iter().zip(candidates) {
-        let Some(chart) = chart else { continue };
+    for of_surface in candidates {
         let brightness = |candidate: &Candidate| -> Option<Vec<f32>> {
             let colours = candidate.colours.as_ref()?;
-            let of = |cell: usize| colours.mean(chart, cell).iter().sum::<f32>() / 3.0;
-            Some((0..chart.cells.len()).map(of).collect())
+            Some(colours.means.iter().map(|mean| mean.iter().sum::<f32>() / 3.0).collect())
         };
         let brightness: Vec<Option<Vec<f32>>> = of_surface.iter().map(brightness).collect();
         for (i, (a, of_a)) in of_surface.iter().zip(&brightness).enumerate() {

@@ -30,7 +30,7 @@ pub(super) fn find(
         for cell in 0..chart.cells.len() {
             let clear = of_surface.iter().enumerate().filter(|(_, candidate)| candidate.shown[cell] == Shown::Clear);
             let means: Vec<(usize, [f32; 3])> =
-                clear.filter_map(|(k, candidate)| Some((k, candidate.mean(chart, cell, gains)?))).collect();
+                clear.filter_map(|(k, candidate)| Some((k, candidate.mean(cell, gains)?))).collect();
             if means.len() < LEAST_PHOTOS {
                 continue;
             }

@@ -3,7 +3,7 @@
 //! ```text
 //! per surface       charts ([`chart`]): its plane cut into texels, and into cells of some half a metre
 //! per photo         which cells it shows: buildings and terrain hide them ([`scene`], [`views`])
-//! per photo         decoded once, its colours laid into the charts that it may paint ([`warp`])
+//! per photo         decoded once, its colours laid into the charts that it may paint ([`warp`]), where they wait in a file ([`shelf`])
 //! per town          one gain per photo, by least squares over the surfaces that photos share ([`gains`])
 //! per building      the photo of each surface; neighbours prefer the same one ([`choose`])
 //! per texel         the surface's photo where it shows it and agrees with the others, else another; hidden texels are
@@ -34,9 +34,12 @@ mod misplaced;
 mod paint;
 mod render;
 mod scene;
+mod shelf;
 pub mod similarity;
 mod views;
 mod warp;
+
+use std::path::Path;
 
 use glam::{DVec2, DVec3};
 use image::RgbImage;
@@ -44,6 +47,7 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use sizeup_geo::files::FileError;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::scene::LocalGround;
@@ -55,6 +59,7 @@ use chart::Chart;
 pub use paint::fill_unknown;
 pub use render::{Rendering, TexturedTown};
 pub use scene::SurfaceScene;
+use shelf::Shelf;
 
 /// Settings of the textures.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
@@ -127,6 +132,8 @@ pub struct TextureTask<'a> {
     pub choice: Choice,
     /// Group of each building, by its position among all: a page has the surfaces of one group. Empty: all are one group.
     pub groups: &'a [usize],
+    /// Folder for an unnamed file of colours, some 1 MB a building.
+    pub scratch: &'a Path,
 }
 
 /// The texture of a surface.
@@ -205,8 +212,10 @@ const GROUPS_AT_A_TIME: usize = 4;
 const NO_PHOTO: [u8; 3] = [200, 200, 200];
 
 /// Makes the textures of a town.
-#[must_use]
-pub fn bake(task: &TextureTask<'_>) -> Textures {
+///
+/// # Errors
+/// [`FileError`]: no file can be written into the folder for it.
+pub fn bake(task: &TextureTask<'_>) -> Result<Textures, FileError> {
     let all: Vec<Surface> = task.surfaces.iter().chain(task.occluders).cloned().collect();
     let scene = SurfaceScene::new(&all, task.ground.clone(), task.origin);
     let with_photo: Vec<usize> = (0..task.views.len()).filter(|&v| task.views[v].image.is_some()).collect();
@@ -221,25 +230,28 @@ pub fn bake(task: &TextureTask<'_>) -> Textures {
             chart.as_ref().map_or_else(Vec::new, |c| views::candidates(&scene, i, c, &placed, task.choice))
         })
         .collect();
-    let mut issues = warp::fill(task, &scene, &charts, &mut candidates);
+    let shelf = Shelf::new(task.scratch)?;
+    let mut issues = warp::fill(task, &scene, &charts, &mut candidates, &shelf)?;
     let gains = match task.choice {
         Choice::Agreeing => {
-            let gains = gains::solve(task.views.len(), &charts, &candidates);
+            let gains = gains::solve(task.views.len(), &candidates);
             let misplaced = misplaced::find(task.views.len(), &charts, &candidates, &gains);
             for &(view, share) in &misplaced {
                 let is_other = |candidate: &views::Candidate| candidate.view != view;
                 candidates.iter_mut().for_each(|of_surface| of_surface.retain(is_other));
                 issues.push(disagreement(&task.views[view], share));
             }
-            if misplaced.is_empty() { gains } else { gains::solve(task.views.len(), &charts, &candidates) }
+            if misplaced.is_empty() { gains } else { gains::solve(task.views.len(), &candidates) }
         }
         Choice::BestPerSurface => vec![1.0; task.views.len()],
     };
     let chosen = choose::photos(task.surfaces, &candidates, task.choice);
-    let paint = |(i, candidates): (usize, Vec<views::Candidate>)| {
+    let paint = |(i, mut candidates): (usize, Vec<views::Candidate>)| {
+        candidates.iter_mut().filter_map(|of| of.colours.as_mut()).try_for_each(|of| of.unshelve(&shelf))?;
         let eave_m = (task.surfaces[i].kind == SurfaceKind::Wall).then_some(task.surfaces[i].sigma_m);
         let palette = paint::Palette { candidates: &candidates, first: chosen[i], gains: &gains, eave_m };
-        Some((i, paint::paint(charts[i].as_ref()?, &palette, task.choice)?))
+        let chart = charts[i].as_ref();
+        Ok((i, chart.and_then(|chart| paint::paint(chart, &palette, task.choice))))
     };
     // A surface's photos are forgotten when it is painted, and its picture when it is on a page: together they are most of the memory.
     let mut painted: Vec<Option<paint::Painted>> = (0..task.surfaces.len()).map(|_| None).collect();
@@ -247,8 +259,8 @@ pub fn bake(task: &TextureTask<'_>) -> Textures {
     for groups in atlas::groups(task).chunks(GROUPS_AT_A_TIME) {
         let surfaces = || groups.iter().flatten().cloned().flatten();
         let of_groups: Vec<_> = surfaces().map(|i| (i, std::mem::take(&mut candidates[i]))).collect();
-        let found: Vec<_> = of_groups.into_par_iter().filter_map(paint).collect();
-        found.into_iter().for_each(|(i, of)| painted[i] = Some(of));
+        let found: Result<Vec<_>, FileError> = of_groups.into_par_iter().map(paint).collect();
+        found?.into_iter().for_each(|(i, of)| painted[i] = of);
         atlas.add(groups, &charts, &painted);
         for i in surfaces() {
             if let Some(painted) = &mut painted[i] {
@@ -273,7 +285,7 @@ pub fn bake(task: &TextureTask<'_>) -> Textures {
         })
         .collect();
     issues.extend(without_photo(task.surfaces, &surfaces));
-    Textures { pages: atlas.pages, surfaces, texel_m, issues }
+    Ok(Textures { pages: atlas.pages, surfaces, texel_m, issues })
 }
 
 /// Mean colours of the painted surfaces of the same building and kind, else of the town's, for those without a photo.

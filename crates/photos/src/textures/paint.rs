@@ -111,7 +111,7 @@ fn painter(chart: &Chart, palette: &Palette<'_>, cell: usize, choice: Choice) ->
         return own_first().next().filter(|&k| candidates.get(k).is_some_and(|c| c.shown[cell] != Shown::Hidden));
     }
     let clear: Vec<(usize, [f32; 3])> =
-        shows(Shown::Clear).filter_map(|k| Some((k, candidates[k].mean(chart, cell, palette.gains)?))).collect();
+        shows(Shown::Clear).filter_map(|k| Some((k, candidates[k].mean(cell, palette.gains)?))).collect();
     if clear.len() < LEAST_PHOTOS {
         return clear.first().map(|(k, _)| *k).or_else(|| shows(Shown::Beside).next());
     }

@@ -4,9 +4,11 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DVec2, DVec3, Vec2};
 
-use super::chart::Chart;
+use super::chart::{self, Chart};
 use super::scene::SurfaceScene;
+use super::shelf::{Shelf, Shelved};
 use super::{Choice, SurfaceKind, median_or};
+use sizeup_geo::files::FileError;
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::render::PlacedCamera;
 use sizeup_survey::View;
@@ -72,30 +74,43 @@ impl Candidate {
     }
 
     /// Mean colour of a cell, with the photo's gain; `None` before the photo is decoded.
-    pub fn mean(&self, chart: &Chart, cell: usize, gains: &[f32]) -> Option<[f32; 3]> {
+    pub fn mean(&self, cell: usize, gains: &[f32]) -> Option<[f32; 3]> {
         let gain = gains[self.view];
-        Some(self.colours.as_ref()?.mean(chart, cell).map(|v| v * gain))
+        Some(self.colours.as_ref()?.means[cell].map(|v| v * gain))
     }
 }
 
-/// Colours of a photo on a chart. Those of all photos together are most of the memory, so cells that are not painted have none, and what can be
-/// computed from them is not kept.
+/// Colours of a photo on a chart; cells that are not painted have none.
 #[derive(Debug)]
 pub(super) struct Colours {
-    /// Texels of the cells that have colours, cell by cell and row by row.
-    pub texels: Vec<[u8; 3]>,
+    /// Mean over the texels of each cell that are on the surface; black in a cell without colours.
+    pub means: Vec<[f32; 3]>,
+    /// Texels of the cells that have colours, cell by cell and row by row; empty while the file has them.
+    texels: Vec<[u8; 3]>,
+    /// Their place in the file.
+    shelved: Shelved,
     /// Position among the texels of the first one of each cell, and the end; equal ones for a cell without colours.
-    pub first: Vec<u32>,
+    first: Vec<u32>,
 }
 
 impl Colours {
-    /// Mean over the texels of a cell that are on the surface; black in a cell without colours.
-    pub fn mean(&self, chart: &Chart, cell: usize) -> [f32; 3] {
-        let texels = &self.texels[self.first[cell] as usize..self.first[cell + 1] as usize];
-        // Those beside the surface are black.
-        let sum = texels.iter().fold([0_u32; 3], |sum, texel| std::array::from_fn(|c| sum[c] + u32::from(texel[c])));
-        let n_texels = chart.cells[cell].n_texels.max(1);
-        sum.map(|v| v as f32 / n_texels as f32)
+    /// Puts the texels into the file; `first` as in the type.
+    pub fn shelve(shelf: &Shelf<'_>, chart: &Chart, first: Vec<u32>, texels: &[[u8; 3]]) -> Result<Self, FileError> {
+        let mean = |(range, cell): (&[u32], &chart::Cell)| {
+            // Those beside the surface are black.
+            let of_cell = &texels[range[0] as usize..range[1] as usize];
+            let sum =
+                of_cell.iter().fold([0_u32; 3], |sum, texel| std::array::from_fn(|c| sum[c] + u32::from(texel[c])));
+            sum.map(|v| v as f32 / cell.n_texels.max(1) as f32)
+        };
+        let means = first.windows(2).zip(&chart.cells).map(mean).collect();
+        Ok(Self { means, texels: Vec::new(), shelved: shelf.put(texels)?, first })
+    }
+
+    /// Takes the texels out of the file.
+    pub fn unshelve(&mut self, shelf: &Shelf<'_>) -> Result<(), FileError> {
+        self.texels = shelf.get(self.shelved)?;
+        Ok(())
     }
 
     /// Returns the colour of a texel, black in a cell without colours.

@@ -7,7 +7,9 @@ use rayon::prelude::*;
 use super::TextureTask;
 use super::chart::Chart;
 use super::scene::SurfaceScene;
+use super::shelf::Shelf;
 use super::views::{Candidate, Colours, Shown};
+use sizeup_geo::files::FileError;
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::render::PlacedCamera;
 
@@ -95,27 +97,39 @@ fn half(picture: &RgbImage) -> Option<RgbImage> {
     (width > 0 && height > 0).then(|| RgbImage::from_fn(width, height, mean))
 }
 
+/// Colours of a photo on its surfaces, or why it cannot be read.
+type OfPhoto = Result<Vec<Colours>, String>;
+
 /// Lays the colours of all photos into the candidates; those of photos that cannot be read are taken out. Returns what is to
 /// be told of such photos, in the survey's order.
+///
+/// # Errors
+/// [`FileError`]: no room for the colours.
 pub(super) fn fill(
     task: &TextureTask<'_>,
     scene: &SurfaceScene,
     charts: &[Option<Chart>],
     candidates: &mut [Vec<Candidate>],
-) -> Vec<Issue> {
+    shelf: &Shelf<'_>,
+) -> Result<Vec<Issue>, FileError> {
     let mut of_view: Vec<Vec<(usize, usize)>> = vec![Vec::new(); task.views.len()];
     for (surface, of_surface) in candidates.iter().enumerate() {
         of_surface.iter().enumerate().for_each(|(k, candidate)| of_view[candidate.view].push((surface, k)));
     }
     // One photo per thread in memory.
-    let painted: Vec<(usize, Result<Vec<Colours>, String>)> = (0..task.views.len())
+    let painted: Result<Vec<(usize, OfPhoto)>, FileError> = (0..task.views.len())
         .into_par_iter()
         .with_max_len(1)
         .filter(|&view| !of_view[view].is_empty())
-        .map(|view| (view, colours(task, scene, charts, candidates, view, &of_view[view])))
+        .map(|view| match (task.decode)(&task.views[view]) {
+            Ok(photo) => {
+                Ok((view, Ok(colours(task, scene, charts, candidates, (view, photo), (&of_view[view], shelf))?)))
+            }
+            Err(reason) => Ok((view, Err(reason))),
+        })
         .collect();
     let mut issues = Vec::new();
-    for (view, colours) in painted {
+    for (view, colours) in painted? {
         match colours {
             Ok(colours) => {
                 for (&(surface, k), colours) in of_view[view].iter().zip(colours) {
@@ -137,7 +151,7 @@ pub(super) fn fill(
         }
     }
     candidates.iter_mut().for_each(|of_surface| of_surface.retain(|candidate| candidate.colours.is_some()));
-    issues
+    Ok(issues)
 }
 
 fn colours(
@@ -145,18 +159,17 @@ fn colours(
     scene: &SurfaceScene,
     charts: &[Option<Chart>],
     candidates: &[Vec<Candidate>],
-    view: usize,
-    places: &[(usize, usize)],
-) -> Result<Vec<Colours>, String> {
+    (view, photo): (usize, RgbImage),
+    (places, shelf): (&[(usize, usize)], &Shelf<'_>),
+) -> Result<Vec<Colours>, FileError> {
     let of = &task.views[view];
-    let photo = (task.decode)(of)?;
     let level_of = |(surface, k): (usize, usize)| candidates[surface][k].pixels_per_texel.max(1.0).log2() as usize;
     let n_levels = places.iter().map(|place| level_of(*place) + 1).max().unwrap_or(1);
     let pyramid = Pyramid::new(photo, n_levels);
     let camera = PlacedCamera::new((*of.camera).clone(), of.camera_from_map, task.origin);
     let size = DVec2::new(f64::from(of.camera.width_px), f64::from(of.camera.height_px));
     let of_place = |&(surface, k): &(usize, usize)| {
-        let chart = charts[surface].as_ref().ok_or("a surface without a chart")?;
+        let chart = charts[surface].as_ref()?;
         let (facet, level) = (&scene.facets[surface], level_of((surface, k)));
         let shown = &candidates[surface][k].shown;
         // Colours run half a cell into those beside it, corners too.
@@ -182,9 +195,9 @@ fn colours(
                 texels.push(colour);
             }
         }
-        Ok(Colours { texels, first })
+        Some(Colours::shelve(shelf, chart, first, &texels))
     };
-    places.par_iter().map(of_place).collect()
+    places.par_iter().filter_map(of_place).collect()
 }
 
 /// Pixels of the texels of a cell: between those of its corners, as a camera changes too little over half a metre to be asked for each texel. Seen
