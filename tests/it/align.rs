@@ -120,7 +120,6 @@ fn poses_that_are_off_come_back_and_are_read_again() {
 }
 
 #[test]
-#[ignore = "slow: make test-slow"]
 fn a_focal_length_that_is_off_is_found_where_the_camera_is_not_calibrated() {
     const TOO_LONG: f64 = 1.03;
     let folder = tempfile::tempdir().unwrap();
@@ -184,7 +183,6 @@ fn stereo_until_survey(scene: &Path, output: &Path, more: &[&str]) -> (Value, Va
 }
 
 #[test]
-#[ignore = "slow: make test-slow"]
 fn a_run_from_stereo_aligns_poses_that_the_photos_do_not_fit_and_no_others() {
     let folder = tempfile::tempdir().unwrap();
     let [aligned, exact, as_given] = ["aligned", "exact", "as_given"].map(|name| folder.path().join(name));

@@ -74,7 +74,6 @@ fn photos_alone_give_the_ground_to_a_decimetre() {
 }
 
 #[test]
-#[ignore = "slow: make test-slow"]
 fn a_level_far_from_the_ground_is_refused_with_the_range_that_was_tried() {
     let (_, survey) = &*SCENE;
     let refused = estimate(&survey.views, &[], &Terrain::Constant(BASE_Z_M - 200.0), &DtmConfig::default(), &|_, _| {})

@@ -102,7 +102,6 @@ fn towers_are_taken_off_their_podiums_and_nothing_else_is_taken_apart() {
 /// One tower of 116 m stands on a podium so wide that hardly a photo holds all of it at the tower's height; most hold
 /// its foot.
 #[test]
-#[ignore = "slow: make test-slow"]
 fn a_podium_that_leaves_the_photos_at_its_towers_height_is_seen_at_its_foot() {
     let folder = tempfile::tempdir().unwrap();
     downtown(folder.path(), 21, 30, 70);

@@ -241,7 +241,6 @@ fn watch(mut child: Child) -> (u64, u64) {
 }
 
 #[test]
-#[ignore = "slow: make test-slow"]
 fn a_photo_of_45_megapixels_is_read_twice_and_never_decoded_whole() {
     if !Path::new("/proc/self/io").exists() {
         skip("this system does not tell what a process reads");

@@ -157,7 +157,6 @@ fn a_photo_that_cannot_be_read_is_told_of_and_left_out() {
 
 /// The run is given by a path from one folder, its result is looked at from another.
 #[test]
-#[ignore = "slow: make test-slow"]
 fn a_result_finds_its_photos_from_any_folder_and_pictures_in_them_what_is_farthest_off() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("scene");
@@ -273,7 +272,6 @@ fn grounds(result: &Path) -> (BTreeMap<String, f64>, Vec<String>) {
 }
 
 #[test]
-#[ignore = "slow: make test-slow"]
 fn a_wrong_terrain_is_reported_and_a_right_one_is_left_alone() {
     assert_eq!(told_of_terrain(&BY_PHOTOS), Vec::<serde_json::Value>::new(), "the terrain of the scene fits");
     let wrong = told_of_terrain(&OVER_OFFSET);
@@ -284,7 +282,6 @@ fn a_wrong_terrain_is_reported_and_a_right_one_is_left_alone() {
 /// The scene is solved on the corrected ground: corrected afterwards, low houses over a terrain that is 3 m too high ended at the least
 /// height.
 #[test]
-#[ignore = "slow: make test-slow"]
 fn over_a_terrain_that_is_3_m_off_heights_and_status_are_as_over_the_right_one() {
     let records_of = |result: &Path| -> BTreeMap<String, BuildingRecord> {
         let found = FoundBuildings::read(&result.join("city.gpkg"), &ReadOptions::default()).unwrap().to_records();

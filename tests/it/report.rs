@@ -437,7 +437,6 @@ impl Drop for Viewer {
 }
 
 #[test]
-#[ignore = "slow: make test-slow"]
 fn the_viewer_streams_tiles_as_one_comes_closer() {
     let folder = tempfile::tempdir().unwrap();
     let tiles: PathBuf = folder.path().join("tiles");

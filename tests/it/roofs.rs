@@ -82,7 +82,6 @@ fn error_m(folder: &Path, city: &Value, truth_name: &str) -> f64 {
 }
 
 #[test]
-#[ignore = "slow: make test-slow"]
 fn each_height_reference_states_its_own_height_of_a_pitched_roof() {
     let folder = tempfile::tempdir().unwrap();
     village(folder.path(), PriorLevel::Clean);

@@ -1,7 +1,7 @@
 //! Every reader of poses against damaged files: cut off, overwritten, blown up, spliced. Whatever comes back is an
 //! error or sound poses; nothing panics, hangs or takes memory for records that are not there.
 //!
-//! 32 files per reader by default; `PROPTEST_CASES=10000 cargo test --test it survey_fuzz` looks longer.
+//! 64 files per reader by default; `PROPTEST_CASES=10000 cargo test --test it survey_fuzz` looks longer.
 
 use std::fs;
 use std::io::Write as _;
@@ -18,7 +18,7 @@ use super::survey_formats::{ROWS, blocks_exchange, matrix_elements, photo};
 use super::survey_hostile::write_binary_model;
 
 /// Files per reader without `PROPTEST_CASES`.
-const CASES: u32 = 32;
+const CASES: u32 = 64;
 
 /// One way in which a file goes bad. Places are shares of the file's length.
 #[derive(Debug, Clone)]

@@ -132,7 +132,7 @@ pub struct TextureTask<'a> {
     pub choice: Choice,
     /// Group of each building, by its position among all: a page has the surfaces of one group. Empty: all are one group.
     pub groups: &'a [usize],
-    /// Folder for an unnamed file of colours, some 1 MB a building.
+    /// Folder for an unnamed file of colours; it is made where there is none.
     pub scratch: &'a Path,
 }
 
