@@ -10,7 +10,7 @@ use sizeup_geo::crs::Crs;
 use sizeup_results::output::cityjson::{self, AttributeNames, CityJsonConfig};
 #[cfg(feature = "flatcitybuf")]
 use sizeup_results::output::flatcitybuf;
-use sizeup_results::output::geopackage::{self, GeoPackageConfig, ProjectGround};
+use sizeup_results::output::geopackage::{self, ProjectGround};
 use sizeup_results::output::read::{LAYERED_RESULTS, RESULTS, ReadOptions, RecordFile, result_file};
 use sizeup_results::output::textured::TexturedCity;
 use sizeup_results::output::tiles3d::{self, Heights, Precision, Tiles3dConfig};
@@ -253,7 +253,6 @@ fn write<R: Records + ?Sized>(
             NamesArg::ThreeDBag => AttributeNames::ThreeDBag,
         },
         extension_url: args.extension_url.clone(),
-        ..CityJsonConfig::default()
     };
     match format {
         ExportFormat::CityJson => cityjson::write(path, model, &cityjson),
@@ -261,12 +260,11 @@ fn write<R: Records + ?Sized>(
         #[cfg(feature = "flatcitybuf")]
         ExportFormat::FlatCityBuf => flatcitybuf::write(path, model, &cityjson),
         ExportFormat::GeoPackage => {
-            let overview = geopackage::write(path, model, &GeoPackageConfig::default())?;
+            let overview = geopackage::write(path, model)?;
             let name = path.file_name().unwrap_or_default().to_string_lossy();
             if args.project {
-                let config = GeoPackageConfig::default();
                 let ground = ProjectGround::LowestWall;
-                geopackage::write_project(&path.with_extension("qgs"), &name, model, &config, ground)?;
+                geopackage::write_project(&path.with_extension("qgs"), &name, model, ground)?;
             }
             Ok(overview)
         }

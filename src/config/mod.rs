@@ -28,9 +28,7 @@ use sizeup_photos::align::AlignConfig;
 use sizeup_photos::dtm::DtmConfig;
 use sizeup_photos::prior::PriorConfig;
 use sizeup_photos::textures::TextureConfig;
-use sizeup_results::output::cityjson::CityJsonConfig;
 use sizeup_results::output::fallback::FallbackConfig;
-use sizeup_results::output::geopackage::GeoPackageConfig;
 use sizeup_results::output::reviews::ReviewsConfig;
 use sizeup_results::report::ReportConfig;
 use sizeup_survey::SurveyConfig;
@@ -170,10 +168,6 @@ pub struct OutputConfig {
     pub footprints: FootprintPlace,
     /// Treatment of buildings whose height is not known.
     pub fallback: FallbackConfig,
-    /// Settings of the CityJSON file.
-    pub cityjson: CityJsonConfig,
-    /// Settings of the GeoPackage.
-    pub geopackage: GeoPackageConfig,
     /// Settings of the report.
     pub report: ReportConfig,
     /// The city with textures from its photos.
@@ -197,8 +191,6 @@ impl Default for OutputConfig {
             pictures: true,
             footprints: FootprintPlace::default(),
             fallback: FallbackConfig::default(),
-            cityjson: CityJsonConfig::default(),
-            geopackage: GeoPackageConfig::default(),
             report: ReportConfig::default(),
             textures: TextureConfig::default(),
         }

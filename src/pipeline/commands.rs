@@ -95,7 +95,6 @@ fn selected<'a>(settings: &HeightSettings<'_>, survey: &'a Survey, stage: &Scene
     let problem = Problem {
         scene: &stage.scene,
         views: &views,
-        expect_priors: &|_| Vec::new(),
         without_prior: &|_| None,
         load_prior: &|_| Err("no prior is asked for".to_owned()),
         green: &|_| None,

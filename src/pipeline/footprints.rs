@@ -154,9 +154,12 @@ fn corners_on(view: &View, level_m: f64) -> Vec<(f64, f64)> {
     corners.into_iter().filter_map(meets).collect()
 }
 
+/// How often roofs are moved to their heights and heights are estimated again.
+const ROOF_ROUNDS: usize = 2;
+
 /// Whether roof contours wait for heights, and how often they may be moved.
 pub(super) fn roof_rounds(source: &FootprintSource, footprints: &FootprintStage) -> usize {
-    footprints.tracks.as_ref().map_or(0, |_| source.roof_rounds())
+    if footprints.tracks.is_some() && source.is_of_roofs() { ROOF_ROUNDS } else { 0 }
 }
 
 /// Moves roof contours to the heights found; whether any of them moved.

@@ -18,7 +18,7 @@ use sizeup_geo::terrain::Terrain;
 use sizeup_heights::estimate::{
     Heights, LocalFrame, MethodSettings, NamedCamera, Photos, Priors as TaskPriors, Task, estimate_with,
 };
-use sizeup_heights::optimise::{CalibrationRays, OptimiseConfig, Solution, ViewInput, WithoutPrior};
+use sizeup_heights::optimise::{CalibrationRays, OptimiseConfig, Solution, ViewInput};
 use sizeup_heights::picture::Picture;
 use sizeup_heights::raster::Raster;
 use sizeup_heights::scene::Scene;
@@ -50,7 +50,7 @@ impl<'a> HeightSearch<'a> {
         // Footprints that were found in the photos are where the photos show them.
         let is_layer = matches!(settings.footprints, FootprintSource::Layer(_));
         method.optimise.search.measure_shift &= is_layer;
-        method.optimise.search.measure_footprints &= is_layer;
+        method.optimise.search.measure_footprints &= method.optimise.search.measure_shift;
         Self { settings, survey, tell, solver, method }
     }
 
@@ -187,10 +187,6 @@ impl TaskPriors for RunPriors<'_> {
             self.found.lock().unwrap_or_else(PoisonError::into_inner).insert(view, correlation);
         }
         Ok(prior)
-    }
-
-    fn prepare(&self, views: &[usize], progress: &(dyn Fn(usize, usize) + Sync)) -> Vec<WithoutPrior> {
-        self.store.expect(views, progress)
     }
 
     fn absence(&self, view: usize) -> Option<String> {

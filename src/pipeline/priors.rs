@@ -2,11 +2,9 @@
 //! and the pictures at the end do not ask the network, the matcher or the decoder a second time.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use sizeup_geo::kept::Kept;
-use sizeup_heights::optimise::WithoutPrior;
 use sizeup_heights::raster::Raster;
 use sizeup_photos::prior::{DepthPrior, PriorError, PriorSource as _, Priors};
 use sizeup_photos::vegetation;
@@ -107,20 +105,5 @@ impl PriorStore {
     /// The views whose photos could not be read, by their positions, and why.
     pub fn unread_photos(&self) -> Vec<(usize, String)> {
         self.unread.lock().unwrap_or_else(PoisonError::into_inner).clone().into_iter().collect()
-    }
-
-    /// Computes priors that [`Self::load`] will load, into the cache, where several are computed at a time.
-    /// Those that cannot be computed, and why.
-    pub fn expect(&self, views: &[usize], progress: &(dyn Fn(usize, usize) + Sync)) -> Vec<WithoutPrior> {
-        if !self.source.computes_several() {
-            return Vec::new();
-        }
-        let is_new = |view: &usize| self.kept.find(view).is_none();
-        let new: Vec<usize> = views.iter().copied().filter(is_new).collect();
-        let of: Vec<&View> = new.iter().map(|&view| &self.views[view]).collect();
-        let n_done = AtomicUsize::new(0);
-        let done = || progress(n_done.fetch_add(1, Ordering::Relaxed) + 1, new.len());
-        let outcomes = self.source.compute_ahead(&of, &done);
-        new.into_iter().zip(outcomes).filter_map(|(view, outcome)| Some((view, outcome.err()?))).collect()
     }
 }

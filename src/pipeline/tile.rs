@@ -23,7 +23,7 @@ use super::{
 };
 use sizeup_footprints::{self, FootprintConfig, FootprintLayer, FootprintSource, LayerParts, RefusedFootprint};
 use sizeup_geo::hashes::Content;
-use sizeup_geo::issue::Issue;
+use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_geo::terrain::{MapBox, Terrain};
 use sizeup_heights::ids::{ViewId, with_wholes};
 use sizeup_heights::optimise::solve;
@@ -67,21 +67,12 @@ const FOUND_FOOTPRINTS: &str = "tiles/footprints.gpkg";
 
 /// The layer that parts of a city read their footprints from: the configuration's, or the one that [`find_footprints`] leaves
 /// behind.
-///
-/// # Errors
-/// [`PipelineError::Settings`] for roof contours that move with the heights.
-pub fn layer_of<'a>(settings: &FootprintSettings<'a>) -> Result<Cow<'a, FootprintConfig>, PipelineError> {
-    if let FootprintSource::Layer(layer) = settings.source {
-        return Ok(Cow::Borrowed(layer));
+#[must_use]
+pub fn layer_of<'a>(settings: &FootprintSettings<'a>) -> Cow<'a, FootprintConfig> {
+    match settings.source {
+        FootprintSource::Layer(layer) => Cow::Borrowed(layer),
+        _ => Cow::Owned(sizeup_footprints::plain_config(settings.folder.join(FOUND_FOOTPRINTS))),
     }
-    if settings.source.roof_rounds() > 0 {
-        return Err(PipelineError::Settings {
-            table: "footprints",
-            message: "footprints of roofs move with the heights, which tiles find one by one".to_owned(),
-            hint: "set footprints.roof_rounds = 0: roofs are then laid where the photos' footprints fit best",
-        });
-    }
-    Ok(Cow::Owned(sizeup_footprints::plain_config(settings.folder.join(FOUND_FOOTPRINTS))))
 }
 
 /// Finds the footprints of a whole city in its photos, once for all of its parts; returns what was refused, and issues, without
@@ -101,7 +92,11 @@ pub fn find_footprints(
     let options = RunOptions { from: Stage::Footprints, until: Stage::Footprints, command: command.to_owned() };
     stages::run(run, &options, tell, &solve)?;
     let FootprintStage { mut layer, .. } = run.artefacts.read(Stage::Footprints, &run.survey()?)?;
-    layer_of(settings)?; // refuses what cannot be in tiles
+    if settings.source.is_of_roofs() {
+        let message = "footprints of roofs stay where the photos' contours fit best: only a run in one piece moves them with the heights";
+        let subject = Subject::Input("footprints".to_owned());
+        layer.issues.push(Issue::new(Severity::Warning, "roofs_not_moved", subject, message));
+    }
     let path = settings.folder.join(FOUND_FOOTPRINTS);
     sizeup_footprints::write_plain(&path, &layer, settings.ground.crs)?;
     layer.footprints.clear();
@@ -118,7 +113,7 @@ pub fn footprints_around(
     area: MapBox,
     renamed: &BTreeMap<u64, String>,
 ) -> Result<FootprintStage, PipelineError> {
-    let mut layer = LayerParts::open(&*layer_of(settings)?, settings.ground.crs)?.around(area, renamed)?;
+    let mut layer = LayerParts::open(&layer_of(settings), settings.ground.crs)?.around(area, renamed)?;
     if !matches!(settings.source, FootprintSource::Layer(_)) {
         sizeup_footprints::unpack(&mut layer.footprints);
     }

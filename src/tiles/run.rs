@@ -16,6 +16,7 @@ use crate::recipe::{Recipe, program};
 use sizeup_geo::files::{FileError, write_whole, write_whole_unflushed};
 use sizeup_geo::issue::{Severity, Subject};
 use sizeup_heights::ids::ViewId;
+use sizeup_results::output::cityjson::CityJsonConfig;
 use sizeup_results::output::reports::{write_issues, write_json};
 use sizeup_results::output::textured;
 use sizeup_results::output::unmeasured::unmeasured;
@@ -198,7 +199,7 @@ fn inputs_of(
     used: &HashSet<&ViewId>,
 ) -> Result<Vec<InputFile>, TilesError> {
     let config = &check.manifest.config;
-    let footprints = layer_of(&RunSettings::of(config).footprints)?.path.clone();
+    let footprints = layer_of(&RunSettings::of(config).footprints).path.clone();
     let terrain = config.terrain.dtm.iter().zip(&tile.reads.terrain);
     let reviews = config.reviews.iter().zip(&tile.reads.reviews);
     let parts = std::iter::once((PART_OF_FOOTPRINTS, footprints, tile.reads.footprints.clone()))
@@ -246,7 +247,7 @@ fn write(
         issues: &issues,
         survey: part.survey(),
     };
-    cityjson::write(&folder.join(CITY), &model, &config.output.cityjson)?;
+    cityjson::write(&folder.join(CITY), &model, &CityJsonConfig::default())?;
     write_lines(&folder.join(BUILDINGS), own.iter())?;
     write_lines(&folder.join(HALO), halo)?;
     write_issues(&folder.join(ISSUES), &issues)?;
@@ -257,7 +258,7 @@ fn write(
     let mut names: Vec<String> = [CITY, BUILDINGS, HALO, GROUND, ISSUES, LINEAGE].map(str::to_owned).to_vec();
     match &heights.painted {
         Some(painted) => {
-            painted.write(&textured, &model, &config.output.cityjson)?;
+            painted.write(&textured, &model, &CityJsonConfig::default())?;
             names_below(&folder, textured::FOLDER, &mut names).map_err(FileError::on("cannot read", &textured))?;
         }
         None => textured::remove(&textured)?,

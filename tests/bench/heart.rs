@@ -115,7 +115,6 @@ fn solving(c: &mut Criterion) {
         let problem = Problem {
             scene: &scene,
             views: &views,
-            expect_priors: &|_| Vec::new(),
             without_prior: &|_| None,
             load_prior: &load_prior,
             seed: 1,

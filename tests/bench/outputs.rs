@@ -12,7 +12,7 @@ use criterion::Criterion;
 use geo::polygon;
 use sizeup::crs::Crs;
 use sizeup::output::cityjson::{self, CityJsonConfig};
-use sizeup::output::geopackage::{self, GeoPackageConfig};
+use sizeup::output::geopackage;
 use sizeup::output::read::{FoundBuildings, ReadOptions, RecordFile};
 use sizeup::output::tiles3d::{self, Heights, Tiles3dConfig};
 use sizeup::output::{BuildingRecord, CityModel, Lineage, OutputError, Records, flatgeobuf};
@@ -60,7 +60,7 @@ fn main() {
     let write_city = || cityjson::write(&at("a.city.json"), &model, &CityJsonConfig::default()).expect("written");
     let write_seq =
         || cityjson::write_sequence(&at("a.city.jsonl"), &model, &CityJsonConfig::default()).expect("written");
-    let write_gpkg = || geopackage::write(&at("a.gpkg"), &model, &GeoPackageConfig::default()).expect("written");
+    let write_gpkg = || geopackage::write(&at("a.gpkg"), &model).expect("written");
     let write_fgb = || flatgeobuf::write(&at("a.fgb"), &model).expect("written");
     let write_tiles = || tiles3d::write(&at("tiles"), &model, &tiles).expect("written");
     let read = |name: &str| FoundBuildings::read(&at(name), &ReadOptions::default()).expect("read").to_records().len();

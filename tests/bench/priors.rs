@@ -18,14 +18,13 @@ use sizeup::terrain::Terrain;
 
 const N_ROUNDS: usize = 5;
 
-type Way = (&'static str, usize, fn(&Priors, &[&View]));
+type Way = (&'static str, fn(&Priors, &[&View]));
 
-/// How, the batch, and what is done; the first one is what the others are compared with.
-const WAYS: [Way; 4] = [
-    ("one after another", 1, |priors, views| views.iter().for_each(|view| load(priors, view))),
-    ("a photo on each core", 1, |priors, views| views.par_iter().with_max_len(1).for_each(|view| load(priors, view))),
-    ("overlapped", 1, ahead),
-    ("overlapped, four at once", 4, ahead),
+/// How, and what is done; the first one is what the others are compared with.
+const WAYS: [Way; 3] = [
+    ("one after another", |priors, views| views.iter().for_each(|view| load(priors, view))),
+    ("a photo on each core", |priors, views| views.par_iter().with_max_len(1).for_each(|view| load(priors, view))),
+    ("overlapped", ahead),
 ];
 
 fn load(priors: &Priors, view: &View) {
@@ -66,20 +65,20 @@ fn processor_s() -> f64 {
 fn compare(name: &str, network: &NetworkConfig, views: &[View]) {
     let mut rounds: Vec<Vec<[f64; 2]>> = Vec::new();
     for _ in 0..N_ROUNDS {
-        let time = |(_, batch, compute): &Way| {
+        let time = |(_, compute): &Way| {
             let folder = tempfile::tempdir().expect("a folder for the cache");
             let cache = CacheConfig { folder: folder.path().to_owned(), ..CacheConfig::default() };
-            let network = NetworkConfig { cache, batch: *batch, ..network.clone() };
+            let network = NetworkConfig { cache, ..network.clone() };
             let priors =
                 PriorConfig::Network(Box::new(network)).open(views, &Terrain::Constant(0.0), 80.0).expect("a network");
             let (start, processor) = (Instant::now(), processor_s());
             compute(&priors, &views.iter().collect::<Vec<_>>());
             [start.elapsed().as_secs_f64(), processor_s() - processor]
         };
-        rounds.push(WAYS.iter().filter(|(_, batch, _)| *batch <= network.batch).map(time).collect());
+        rounds.push(WAYS.iter().map(time).collect());
     }
     println!("{name}, {} photos, {N_ROUNDS} rounds", views.len());
-    for (i, (how, ..)) in WAYS.iter().enumerate().take(rounds[0].len()) {
+    for (i, (how, _)) in WAYS.iter().enumerate() {
         let median = |of: &dyn Fn(&Vec<[f64; 2]>) -> f64| {
             stats::median(&rounds.iter().map(of).collect::<Vec<_>>()).expect("rounds") / views.len() as f64
         };
@@ -95,14 +94,11 @@ fn compare(name: &str, network: &NetworkConfig, views: &[View]) {
 fn main() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let views = photos(&root.join("target/bench-photos"));
-    let free = NetworkConfig {
-        batch: 4,
-        ..NetworkConfig::new(root.join("fixtures/onnx/depth_of_brightness.onnx"), "da3-mono")
-    };
+    let free = NetworkConfig::new(root.join("fixtures/onnx/depth_of_brightness.onnx"), "da3-mono");
     compare("a network that costs nothing", &free, &views);
     let real: PathBuf = root.join("target/networks/graphs/depth-anything-v2-small.onnx");
     if real.exists() {
-        let mut real = NetworkConfig { batch: 4, ..NetworkConfig::new(real, "depth-anything-v2") };
+        let mut real = NetworkConfig::new(real, "depth-anything-v2");
         real.engine.library = Some(root.join("target/onnxruntime/libonnxruntime.so"));
         compare("Depth Anything V2 Small", &real, &views[..views.len().min(4)]);
     }

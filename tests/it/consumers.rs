@@ -7,7 +7,7 @@ use serde_json::Value;
 use sizeup::crs::Crs;
 use sizeup::output::citygml::{self, Edition};
 use sizeup::output::cityjson::{self, CityJsonConfig};
-use sizeup::output::geopackage::{self, GeoPackageConfig};
+use sizeup::output::geopackage;
 use sizeup::output::tiles3d::{self, Precision};
 use sizeup::output::{csv, dxf, flatcitybuf, flatgeobuf, geojson, kml, mesh};
 
@@ -136,7 +136,7 @@ fn ogrinfo_reads_our_layers_with_crs_and_comments() {
     let folder = tempfile::tempdir().unwrap();
     let town = town();
     let (gpkg, fgb) = (folder.path().join("town.gpkg"), folder.path().join("town.fgb"));
-    geopackage::write(&gpkg, &town.model(), &GeoPackageConfig::default()).unwrap();
+    geopackage::write(&gpkg, &town.model()).unwrap();
     flatgeobuf::write(&fgb, &town.model()).unwrap();
     let layers = run(Command::new(&ogrinfo).args(["-ro", "-q"]).arg(&gpkg));
     for layer in [
@@ -198,7 +198,7 @@ fn our_geojson_is_what_gdal_makes_of_our_geopackage() {
     let mut town = town();
     // On the datum of WGS 84: GDAL leaves the shift of others out, which moves the town by 100 m.
     town.crs = Crs::parse("EPSG:25831").unwrap();
-    geopackage::write(&gpkg, &town.model(), &GeoPackageConfig::default()).unwrap();
+    geopackage::write(&gpkg, &town.model()).unwrap();
     geojson::write(&ours, &town.model()).unwrap();
     run(Command::new(&ogr2ogr)
         .args(["-f", "GeoJSON", "-lco", "RFC7946=YES", "-lco", "COORDINATE_PRECISION=10"])

@@ -184,7 +184,7 @@ fn results_whose_writer_did_not_come_to_its_end_are_marked_until_they_are_whole_
     let killed = Command::new("bash")
         .current_dir(scene.path(""))
         .args(["-c", &script, "bash", env!("CARGO_BIN_EXE_sizeup"), "run", "sizeup.toml", "--from", "output"])
-        .args(["--set", "output.cityjson.title=other"])
+        .args(["--set", "project.reference_date=2026-05-01"])
         .output()
         .unwrap();
     assert!(!killed.status.success());

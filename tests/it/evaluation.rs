@@ -8,7 +8,7 @@ use sizeup::crs::Crs;
 use sizeup::evaluate::read::{TruthOptions, read_results, read_truth};
 use sizeup::evaluate::{EvaluationError, HeightOptions, Matching, TruthBuilding, evaluate_heights};
 use sizeup::output::cityjson::{self, CityJsonConfig};
-use sizeup::output::geopackage::{self, GeoPackageConfig};
+use sizeup::output::geopackage;
 use sizeup::output::read::ReadError;
 use sizeup::output::{BuildingRecord, Status};
 
@@ -152,7 +152,7 @@ fn our_own_files_come_back_as_they_were_written() {
     let town = town();
     let (city, gpkg) = (folder.path().join("town.city.json"), folder.path().join("town.gpkg"));
     cityjson::write(&city, &town.model(), &CityJsonConfig::default()).unwrap();
-    geopackage::write(&gpkg, &town.model(), &GeoPackageConfig::default()).unwrap();
+    geopackage::write(&gpkg, &town.model()).unwrap();
 
     let from_gpkg = read_results(&gpkg, &town.crs).unwrap();
     for (read, written) in from_gpkg.iter().zip(&town.records) {

@@ -110,10 +110,6 @@ fn settings_of_networks_that_cannot_be_are_refused_with_what_to_write() {
     let own = SegmenterConfig::built_in;
     let no_model = refused(SegmenterConfig { profile: Some("sam3".to_owned()), ..own() });
     assert!(no_model.contains("no `model`") && no_model.contains("hint: "), "{no_model}");
-    for looks in [0, 3, 8] {
-        let odd = refused(SegmenterConfig { looks: Some(looks), ..own() });
-        assert!(odd.contains(&format!("looks = {looks}")) && odd.contains("1, 2 or 4"), "{odd}");
-    }
     for pixel_m in [0.0, 11.0, f64::NAN] {
         let odd = refused(SegmenterConfig { pixel_m: Some(pixel_m), ..own() });
         assert!(odd.contains(&format!("pixel_m = {pixel_m}")) && odd.contains("0.01 to 10"), "{odd}");

@@ -54,7 +54,7 @@ fn footprints_that_are_off_one_by_one_are_told_and_heights_are_measured_where_th
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path();
         town(kind, folder, 0.8);
-        let (_, untold, before_m) = run(folder, &["--set", "optimise.search.measure_footprints=false"]);
+        let (_, untold, before_m) = run(folder, &["--set", "optimise.search.measure_shift=false"]);
         assert!(untold.iter().all(|issue| issue["code"] != "footprint_off"));
         let (records, issues, after_m) = run(folder, &[]);
         let truth = buildings(&folder.join("truth.geojson"));

@@ -214,7 +214,7 @@ fn a_prior_of_another_shape_is_refused_by_name() {
         scene.write_prior(&stem, 150, 120, &(0..150 * 120).map(|i| i as f32 + 1.0).collect::<Vec<_>>());
     }
     let outcome = scene.run(&[]);
-    assert_refused(&scene, &outcome, 3, &["150 × 120", "160 × 120", "not the same shape", "aspect_tolerance_px"]);
+    assert_refused(&scene, &outcome, 3, &["150 × 120", "160 × 120", "not the same shape", "never cropped or padded"]);
     assert!(outcome.stderr.contains(&stem) || outcome.stderr.contains("priors/"), "{}", outcome.stderr);
 }
 

@@ -142,38 +142,6 @@ fn a_networks_depth_becomes_heights_and_what_was_computed_ahead_is_found() {
     assert!(mean_error_m(&evaluated) < 0.7, "{}", evaluated.stdout);
 }
 
-/// Arguments of a run with a batch and a cache of its own.
-fn run_with_batch(batch: usize) -> [String; 7] {
-    let (set, output) = ("--set".to_owned(), format!("--output=result-{batch}"));
-    let cache = format!("prior.cache.folder=cache-{batch}");
-    ["run".to_owned(), "sizeup.toml".to_owned(), set.clone(), format!("prior.batch={batch}"), set, cache, output]
-}
-
-#[test]
-fn a_run_computes_its_priors_in_batches_and_finds_the_same_heights() {
-    let scene = copy_of_scene();
-    let [one_by_one, together] = [1, 3].map(|batch| {
-        sizeup_in(scene.path(), &run_with_batch(batch).each_ref().map(String::as_str));
-        let city = fs::read(scene.path().join(format!("result-{batch}/city.city.json"))).unwrap();
-        let mut city: Value = serde_json::from_slice(&city).unwrap();
-        (city["CityObjects"].take(), city["vertices"].take())
-    });
-    assert!(one_by_one.0.as_object().is_some_and(|objects| !objects.is_empty()));
-    assert_eq!(one_by_one, together);
-}
-
-#[test]
-fn a_graph_that_mixes_the_photos_of_a_batch_is_found_out_by_a_run() {
-    let scene = copy_of_scene();
-    let path = scene.path().join("sizeup.toml");
-    let text = fs::read_to_string(&path).unwrap();
-    fs::write(&path, text.replace("depth_of_brightness", "mean_of_batch")).unwrap();
-    let outcome: Outcome = sizeup().current_dir(scene.path()).args(run_with_batch(3)).output().unwrap().into();
-    let issues = fs::read_to_string(scene.path().join("result-3/issues.json")).unwrap_or_default();
-    let told = outcome.stderr + &issues;
-    assert!(told.contains("for 3 photos at once") && told.contains("batch = 1"), "{told}");
-}
-
 #[test]
 fn a_network_that_takes_neighbours_and_poses_gives_heights() {
     let scene = copy_of_scene();

@@ -14,7 +14,7 @@ use sizeup::frames::Rigid;
 use sizeup::issue::{Issue, Severity, Subject};
 use sizeup::optimise::Terrace;
 use sizeup::output::cityjson::{self, CityJsonConfig};
-use sizeup::output::geopackage::{self, GeoPackageConfig};
+use sizeup::output::geopackage;
 use sizeup::output::read::{FoundBuildings, ReadOptions};
 use sizeup::output::validate::ValidateConfig;
 use sizeup::output::{BuildingRecord, CityModel, InputFile, Lineage, RoofForm, RoofShape, Status};
@@ -175,7 +175,7 @@ fn roofs_are_solids_beside_the_blocks_and_come_back_from_the_files() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     cityjson::write(&path("town.city.json"), &town.model(), &CityJsonConfig::default()).unwrap();
-    geopackage::write(&path("town.gpkg"), &town.model(), &GeoPackageConfig::default()).unwrap();
+    geopackage::write(&path("town.gpkg"), &town.model()).unwrap();
     assert_valid_cityjson(&path("town.city.json"));
     let found = sizeup::output::validate::validate_file(&path("town.city.json"), &ValidateConfig::default()).unwrap();
     assert!(found.is_valid() && found.n_geometries == 13, "{found:?}");
@@ -280,7 +280,7 @@ fn the_same_model_is_the_same_bytes() {
 
 fn write_gpkg(folder: &Path, name: &str) -> std::path::PathBuf {
     let path = folder.join(name);
-    geopackage::write(&path, &town().model(), &GeoPackageConfig::default()).unwrap();
+    geopackage::write(&path, &town().model()).unwrap();
     path
 }
 

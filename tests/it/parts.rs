@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 use sizeup::output::cityjson::{self, AttributeNames, CityJsonConfig, extension_schema};
-use sizeup::output::geopackage::{self, GeoPackageConfig};
+use sizeup::output::geopackage;
 use sizeup::output::read::{FoundBuildings, ReadOptions, RecordFile};
 use sizeup::output::{BuildingRecord, CityModel, OutputError, Overview, Records, Status, flatgeobuf};
 
@@ -69,7 +69,7 @@ fn parts_come_back_from_every_format() {
     let at = |name: &str| folder.path().join(name);
     cityjson::write(&at("a.city.json"), &model, &CityJsonConfig::default()).unwrap();
     cityjson::write_sequence(&at("a.city.jsonl"), &model, &CityJsonConfig::default()).unwrap();
-    geopackage::write(&at("a.gpkg"), &model, &GeoPackageConfig::default()).unwrap();
+    geopackage::write(&at("a.gpkg"), &model).unwrap();
     flatgeobuf::write(&at("a.fgb"), &model).unwrap();
     let from_city = read(&at("a.city.json"));
     assert_eq!(from_city, read(&at("a.city.jsonl")));
@@ -106,7 +106,7 @@ fn a_city_streamed_from_a_file_is_the_city_in_memory() {
     let town = town_with_parts();
     let at = |name: &str| folder.path().join(name);
     cityjson::write_sequence(&at("a.city.jsonl"), &town.model(), &CityJsonConfig::default()).unwrap();
-    geopackage::write(&at("a.gpkg"), &town.model(), &GeoPackageConfig::default()).unwrap();
+    geopackage::write(&at("a.gpkg"), &town.model()).unwrap();
     for source in ["a.city.jsonl", "a.gpkg"] {
         let streamed = RecordFile::open(&at(source), ReadOptions::default()).unwrap();
         let read = FoundBuildings::read(&at(source), &ReadOptions::default()).unwrap().to_records();

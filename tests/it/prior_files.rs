@@ -175,21 +175,21 @@ fn other_shapes_empty_maps_and_pictures_are_refused() {
 }
 
 #[test]
-fn sides_rounded_to_fourteen_pass_only_when_allowed() {
+fn sides_rounded_to_fourteen_pass_and_others_do_not() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("da3.npy");
     // A photo of 16:9 at 504 columns: 283.5 rows, rounded to 280 by a network with patches of 14.
     let ramp: Vec<f32> = (1..=504 * 280).map(|i| i as f32).collect();
-    std::fs::write(&path, npy("<f4", "(280, 504)", &bytes(&ramp))).unwrap();
     let photo = view("a.jpg", 1920, 1080);
-    let load = |tolerance| {
-        let config =
-            FilePriorConfig { path: path.to_str().unwrap().to_owned(), aspect_tolerance_px: tolerance, ..depth() };
-        FilePriors::new(config, [&photo.id]).unwrap().load(&photo)
+    let load = |rows: usize| {
+        std::fs::write(&path, npy("<f4", &format!("({rows}, 504)"), &bytes(&ramp[..504 * rows]))).unwrap();
+        FilePriors::new(FilePriorConfig { path: path.to_str().unwrap().to_owned(), ..depth() }, [&photo.id])
+            .unwrap()
+            .load(&photo)
     };
-    let refused = load(1.0).unwrap_err();
-    assert!(refused.to_string().contains("aspect_tolerance_px = 7"), "{refused}");
-    assert!(load(7.0).is_ok());
+    assert!(load(280).is_ok());
+    let refused = load(274).unwrap_err();
+    assert!(refused.to_string().contains("504 × 274 pixels") && refused.to_string().contains("7 pixels"), "{refused}");
 }
 
 #[test]

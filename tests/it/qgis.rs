@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use sizeup::camera::Distortion;
 use sizeup::crs::Crs;
 use sizeup::geodata::{GridPlace, write_geotiff};
-use sizeup::output::geopackage::{self, GeoPackageConfig, ProjectGround};
+use sizeup::output::geopackage::{self, ProjectGround};
 use sizeup::raster::Raster;
 use sizeup::simulate::simulate;
 
@@ -46,7 +46,7 @@ fn qgis_opens_the_geopackage_styled_in_place_and_standing_on_the_ground() {
     }
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("town.gpkg");
-    geopackage::write(&path, &town().model(), &GeoPackageConfig::default()).unwrap();
+    geopackage::write(&path, &town().model()).unwrap();
     let picture = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pictures/qgis.png");
     std::fs::create_dir_all(picture.parent().unwrap()).unwrap();
     let report: Value = serde_json::from_str(&run("check.py", &[&path, &picture])).unwrap();
@@ -90,13 +90,12 @@ fn qgis_opens_the_project_styled_and_in_place() {
     let folder = tempfile::tempdir().unwrap();
     let (gpkg, project) = (folder.path().join("town & co.gpkg"), folder.path().join("town.qgs"));
     let town = town();
-    geopackage::write(&gpkg, &town.model(), &GeoPackageConfig::default()).unwrap();
+    geopackage::write(&gpkg, &town.model()).unwrap();
     let dtm = folder.path().join("dtm.tif");
     write_slope(&dtm);
     let dtm_crs = Crs::parse("EPSG:28992").unwrap();
     let ground = ProjectGround::Model { path: Path::new("dtm.tif"), crs: Some(&dtm_crs), unit_m: 0.5, offset_m: 0.25 };
-    let config = GeoPackageConfig::default();
-    geopackage::write_project(&project, "town & co.gpkg", &town.model(), &config, ground).unwrap();
+    geopackage::write_project(&project, "town & co.gpkg", &town.model(), ground).unwrap();
     // Paths are relative: the folder may be moved. The packed project is the same.
     let moved = tempfile::tempdir().unwrap();
     let packed = project.with_extension("qgz");
@@ -189,9 +188,8 @@ fn heights_are_written_beside_the_marks_of_what_is_doubtful() {
     };
     town.issues = marks.map(mark).collect();
     let (gpkg, project) = (folder.path().join("town.gpkg"), folder.path().join("town.qgs"));
-    let config = GeoPackageConfig::default();
-    geopackage::write(&gpkg, &town.model(), &config).unwrap();
-    geopackage::write_project(&project, "town.gpkg", &town.model(), &config, ProjectGround::LowestWall).unwrap();
+    geopackage::write(&gpkg, &town.model()).unwrap();
+    geopackage::write_project(&project, "town.gpkg", &town.model(), ProjectGround::LowestWall).unwrap();
     let report: Value = serde_json::from_str(&run("project.py", &[&project, &picture("qgis-marks.png")])).unwrap();
     assert!(report["labels"].as_u64().unwrap() >= 2, "{}", report["labels"]);
     assert_eq!(report["labels_on_marks"], 0);
@@ -213,10 +211,8 @@ fn qgis_shows_the_title_of_every_field_of_every_layer() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let town = town();
-    let config = GeoPackageConfig::default();
-    geopackage::write(&path("town.gpkg"), &town.model(), &config).unwrap();
-    geopackage::write_project(&path("town.qgs"), "town.gpkg", &town.model(), &config, ProjectGround::LowestWall)
-        .unwrap();
+    geopackage::write(&path("town.gpkg"), &town.model()).unwrap();
+    geopackage::write_project(&path("town.qgs"), "town.gpkg", &town.model(), ProjectGround::LowestWall).unwrap();
     // A file of a run without a cadastre has no layer of what vanished.
     let (views, _) = with_masks(folder.path());
     let found = find(&source_of(folder.path(), INSTANCES), &views, &GROUND).unwrap();
@@ -249,9 +245,8 @@ fn qgis_takes_a_compound_crs_without_a_code_and_a_level_for_the_ground() {
     let folder = tempfile::tempdir().unwrap();
     let (gpkg, project) = (folder.path().join("town.gpkg"), folder.path().join("town.qgs"));
     let town = crate::outputs::Town { crs: Crs::parse("EPSG:25832+7837").unwrap(), ..town() };
-    let config = GeoPackageConfig::default();
-    geopackage::write(&gpkg, &town.model(), &config).unwrap();
-    geopackage::write_project(&project, "town.gpkg", &town.model(), &config, ProjectGround::Level(11.4)).unwrap();
+    geopackage::write(&gpkg, &town.model()).unwrap();
+    geopackage::write_project(&project, "town.gpkg", &town.model(), ProjectGround::Level(11.4)).unwrap();
     let report: Value = serde_json::from_str(&run("project.py", &[&project, &picture("qgis-compound.png")])).unwrap();
     assert_eq!(
         (&report["read"], &report["crs"]),
@@ -272,7 +267,7 @@ fn qgis_draws_footprints_and_solids_in_3d() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("town.gpkg");
     let town = town();
-    geopackage::write(&path, &town.model(), &GeoPackageConfig::default()).unwrap();
+    geopackage::write(&path, &town.model()).unwrap();
     for (layer, name) in [("buildings", "qgis-3d.png"), ("buildings_lod2", "qgis-3d-lod2.png")] {
         stands_as_it_is(&display, &path, layer, &picture(name));
     }

@@ -13,7 +13,7 @@ use serde_json::Value;
 use sizeup::issue::{Issue, Severity, Subject};
 use sizeup::output::Status;
 use sizeup::output::cityjson::{self, CityJsonConfig};
-use sizeup::output::geopackage::{self, GeoPackageConfig};
+use sizeup::output::geopackage;
 use sizeup::output::picture::{MapConfig, map};
 use sizeup::output::tiles3d::{self, Tiles3dConfig};
 use sizeup::report::{self, LevelFit, Report, ViewUse};
@@ -207,7 +207,7 @@ fn a_height_has_one_colour_on_the_map_of_the_page_in_the_picture_in_qgis_and_in_
 /// The colours of heights by the style that a GeoPackage brings: those of the first rule that holds for each.
 fn colours_in_qgis(town: &Town, folder: &Path, heights_m: &[f64]) -> Vec<[u8; 3]> {
     let path = folder.join("city.gpkg");
-    geopackage::write(&path, &town.model(), &GeoPackageConfig::default()).unwrap();
+    geopackage::write(&path, &town.model()).unwrap();
     let package = gdal::Dataset::open(&path).unwrap();
     let styles = "SELECT styleQML FROM layer_styles WHERE f_table_name = 'buildings'";
     let mut styles = package.execute_sql(styles, None, gdal::vector::sql::Dialect::DEFAULT).unwrap().unwrap();

@@ -127,7 +127,7 @@ fn the_reference_has_each_key_once_where_it_belongs() {
     for key in ["crs", "working_px", "vertical_reference"] {
         assert!(n_of(open, key) > 0, "{key} is not among the keys that a user meets");
     }
-    for key in ["stride_px", "min_confidence", "max_transform_error_m"] {
+    for key in ["stride_px", "min_confidence", "enu_origin"] {
         assert_eq!((n_of(open, key), n_of(expert, key)), (0, 1), "{key}");
     }
     assert_eq!(n_of(open, "confidence_key") + n_of(expert, "confidence_key"), 1, "a structure is listed once");

@@ -90,7 +90,6 @@ impl Block {
         solver(&Problem {
             scene: &self.scene,
             views: &self.views,
-            expect_priors: &|_| Vec::new(),
             without_prior,
             load_prior: &|view| without_prior(view).map_or_else(|| Ok(priors[view].clone()), Err),
             seed: 1,
@@ -591,7 +590,6 @@ fn priors_that_cannot_be_loaded_are_listed() {
     let problem = Problem {
         scene: &block.scene,
         views: &block.views,
-        expect_priors: &|_| Vec::new(),
         without_prior: &|_| None,
         load_prior: &load,
         seed: 1,

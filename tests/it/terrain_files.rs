@@ -255,6 +255,27 @@ fn heights_beside_positions_in_feet_are_asked_for_and_converted_once_stated() {
 }
 
 #[test]
+fn of_several_bands_the_first_is_read_and_that_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("two.tif");
+    let driver = DriverManager::get_driver_by_name("GTiff").unwrap();
+    let mut dataset = driver.create_with_band_type::<f32, _>(&path, 60, 60, 2).unwrap();
+    dataset.set_geo_transform(&[699_900.0, 10.0, 0.0, 5_764_500.0, 0.0, -10.0]).unwrap();
+    dataset.set_spatial_ref(&SpatialRef::from_definition("EPSG:25832").unwrap()).unwrap();
+    for (number, z) in [(1, 72.0), (2, 5.0)] {
+        let cells = Buffer::new((60, 60), vec![z; 3600]);
+        dataset.rasterband(number).unwrap().write((0, 0), (60, 60), &mut cells.clone()).unwrap();
+    }
+    drop(dataset);
+    let config = TerrainConfig { dtm: Some(path), margin_m: 10.0, ..TerrainConfig::default() };
+    let area = MapBox::around([(700_000.0, 5_764_100.0), (700_100.0, 5_764_200.0)]).unwrap();
+    let loaded = load_with_issues(&config, &crs("EPSG:25832"), area).unwrap();
+    assert_eq!(loaded.terrain.height_at(700_050.0, 5_764_150.0), Some(72.0));
+    let [told] = &loaded.issues[..] else { panic!("{:?}", loaded.issues) };
+    assert!(told.code == "terrain_has_bands" && told.message.contains("2 bands"), "{told:?}");
+}
+
+#[test]
 fn voids_without_a_tag_are_no_ground_at_any_cell_size_and_in_any_grid() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("dtm.tif");

@@ -476,15 +476,15 @@ fn footprints_found_in_photos_are_the_same_in_tiles_with_the_same_ids() {
 }
 
 #[test]
-fn the_paper_preset_and_footprints_that_move_with_heights_are_refused() {
+fn the_paper_preset_is_refused_and_roofs_that_tiles_do_not_move_with_heights_are_told() {
     let scene = Scene::new();
     let refused = scene.sizeup(&["tiles", "plan", "sizeup.toml", "--set", "optimise.preset=paper"]);
     assert_eq!(refused.code, 2);
     assert!(refused.stderr.contains("robust"), "{}", refused.stderr);
     find_footprints_in_masks(&scene, "contour = \"roof\"\n");
-    let refused = scene.sizeup(&["tiles", "plan", "sizeup.toml"]);
-    assert_eq!(refused.code, 2);
-    assert!(refused.stderr.contains("roof_rounds = 0"), "{}", refused.stderr);
+    undisturbed(&scene);
+    let issues = fs::read_to_string(scene.path("undisturbed/issues.json")).unwrap();
+    assert_eq!(issues.matches("roofs_not_moved").count(), 1, "{issues}");
 }
 
 #[test]

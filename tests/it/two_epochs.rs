@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use sizeup::changes::{Change, ChangesReport, Class};
 use sizeup::crs::Crs;
 use sizeup::output::cityjson;
-use sizeup::output::geopackage::{self, GeoPackageConfig};
+use sizeup::output::geopackage;
 use sizeup::output::read::{FoundBuildings, ReadOptions};
 use sizeup::output::{BuildingRecord, CityModel, Lineage};
 use sizeup::simulate::{CityJsonTown, SimulateConfig, TownKind, simulate, world};
@@ -211,7 +211,7 @@ pub fn write_result(path: &Path, records: &[BuildingRecord], crs: &str, vertical
     };
     let (crs, survey) = (Crs::parse(crs).unwrap(), Survey::default());
     let model = CityModel { records, crs: &crs, lineage: &lineage, issues: &[], survey: &survey };
-    geopackage::write(path, &model, &GeoPackageConfig::default()).unwrap();
+    geopackage::write(path, &model).unwrap();
 }
 
 /// `sizeup changes` of two files of a folder, as it is in `changes.json`.

@@ -92,11 +92,6 @@ impl Default for ConsensusConfig {
     }
 }
 
-/// How often roofs are moved to their heights and heights are estimated again, where the configuration does not state it.
-pub(crate) fn default_roof_rounds() -> usize {
-    2
-}
-
 /// A building that views agree on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Consensus {

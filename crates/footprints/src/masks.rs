@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize};
 
 use super::cadastre::CadastreConfig;
 use super::coco::{self, CocoFile};
-use super::consensus::default_roof_rounds;
 use super::contours::{ContourFineness, ContourKind, ContourSource, ViewContours, ViewFault};
 use super::georeference::InputAccuracy;
 use super::layer::FootprintError;
@@ -62,10 +61,6 @@ pub struct MaskConfig {
     /// How accurate masks, poses and terrain are.
     #[serde(default)]
     pub accuracy: InputAccuracy,
-    /// For roof contours: how often footprints are moved to the heights found and heights are found again, 0 to 5.
-    #[serde(default = "default_roof_rounds")]
-    #[schemars(extend("x-expert" = true))]
-    pub roof_rounds: usize,
     /// An existing layer whose ids and attributes are kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cadastre: Option<CadastreConfig>,

@@ -111,13 +111,13 @@ impl FootprintSource {
         }
     }
 
-    /// How often footprints are moved to the heights found, where their contours are those of roofs; else 0.
+    /// Whether contours are those of roofs, which move with the heights found.
     #[must_use]
-    pub fn roof_rounds(&self) -> usize {
+    pub fn is_of_roofs(&self) -> bool {
         match self {
-            Self::Masks(c) if c.contour == ContourKind::Roof => c.roof_rounds,
-            Self::Network(c) if c.contour == ContourKind::Roof => c.roof_rounds,
-            _ => 0,
+            Self::Masks(c) => c.contour == ContourKind::Roof,
+            Self::Network(c) => c.contour == ContourKind::Roof,
+            Self::Layer(_) => false,
         }
     }
 

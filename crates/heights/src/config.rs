@@ -249,11 +249,11 @@ pub struct SearchConfig {
     /// Whether depth edges that lie beside the walls they belong to are moved back, after the full sweeps.
     #[serde(skip)]
     pub correct_edge_bleeding: bool,
-    /// Whether it is measured, after the full sweeps, how far the footprint layer as a whole lies from where the photos show its
-    /// buildings; where that is 0.75 m or more, heights are measured with the photos moved onto the footprints.
+    /// Whether it is measured how far the footprint layer as a whole, and single footprints, lie from where the photos show their
+    /// buildings; where a layer is off by 0.75 m or more, and where a footprint is, heights are measured where the photos show them.
     pub measure_shift: bool,
-    /// Whether it is measured, at the end, how far single footprints lie from where the photos show their buildings, and whether their walls
-    /// stand too far out; heights of those that lie elsewhere are measured where the photos show them.
+    /// The same of single footprints, at the end.
+    #[serde(skip)]
     pub measure_footprints: bool,
     /// Whether trees over roofs are left out of what is compared, by the green of the photos, where these can be read.
     pub leave_out_vegetation: bool,

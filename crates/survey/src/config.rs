@@ -51,23 +51,10 @@ pub struct SurveyConfig {
     /// Columns and conventions of a CSV file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub csv: Option<CsvConfig>,
-    /// Greatest uncertainty of the transformation from the poses' datum to the project's that is accepted, metres. Heights
-    /// from oblique views are off by as much as footprints are beside the photos, so more than a metre is refused.
-    #[serde(default = "max_transform_error_m", skip_serializing_if = "is_default_transform_error")]
-    #[schemars(extend("x-expert" = true))]
-    pub max_transform_error_m: f64,
-    /// Go on although the survey report says that the poses look wrong. Recorded as an issue of the result.
+    /// Go on although the survey report says that the poses look wrong, or their datum reaches the project's only to more than a
+    /// metre. Recorded as an issue of the result.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub accept_unsound: bool,
-}
-
-fn max_transform_error_m() -> f64 {
-    1.0
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde asks for it")]
-fn is_default_transform_error(error_m: &f64) -> bool {
-    *error_m == max_transform_error_m()
 }
 
 impl Default for SurveyConfig {
@@ -83,7 +70,6 @@ impl Default for SurveyConfig {
             height: HeightConfig::default(),
             camera: None,
             csv: None,
-            max_transform_error_m: max_transform_error_m(),
             accept_unsound: false,
         }
     }

@@ -20,6 +20,8 @@ use sizeup_heights::ids::ViewId;
 /// 10 km above the highest summit.
 pub(crate) const POSSIBLE_HEIGHTS_M: std::ops::RangeInclusive<f64> = -500.0..=18_850.0;
 
+/// A pose error becomes a height error of the same size: a coarser way to the project's plane is refused, metres.
+const MAX_TRANSFORM_ERROR_M: f64 = 1.0;
 /// Farther from the origin of a grid, metres, lies nothing: the earth is 4e7 round, and eastings that begin with the zone's
 /// number reach 6.1e7.
 const FARTHEST_M: f64 = 1e8;
@@ -253,15 +255,18 @@ fn accuracy(way: &WayToMap, at: DVec3, config: &SurveyConfig, issues: &mut Vec<I
     let (from, to) = (transform.from(), transform.to());
     let subject = || Subject::Input(config.path.display().to_string());
     match accuracy {
-        Accuracy::Metres(metres) if metres > config.max_transform_error_m => {
+        Accuracy::Metres(metres) if metres > MAX_TRANSFORM_ERROR_M => {
             let message = format!(
-                "positions reach {to} from {from} only to {metres} m, expected {} m or better{advice}",
-                config.max_transform_error_m
+                "positions reach {to} from {from} only to {metres} m, expected {MAX_TRANSFORM_ERROR_M} m or better{advice}"
             );
+            if config.accept_unsound {
+                issues.push(Issue::new(Severity::Warning, "transform_coarse", subject(), message));
+                return Ok(format!("{from} to {to}, {accuracy}{advice}"));
+            }
             let hint = format!(
                 "install the grid file where one is named (`projsync --file NAME`, or a folder named by PROJ_DATA); where a \
                  base station gave positions in the datum of {to}, declare that by `survey.crs`; or accept the shift by \
-                 `survey.max_transform_error_m = {metres}`"
+                 `survey.accept_unsound = true`"
             );
             return Err(SurveyError::config(message, hint));
         }

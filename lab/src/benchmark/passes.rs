@@ -31,7 +31,7 @@ const CHANGES: [Change; 13] = [
     ("local_sweeps = 1", |run| run.optimise.search.local_sweeps = 1),
     ("correct_edge_bleeding = false", |run| run.optimise.search.correct_edge_bleeding = false),
     ("measure_shift = false", |run| run.optimise.search.measure_shift = false),
-    ("measure_footprints = false", |run| run.optimise.search.measure_footprints = false),
+    ("no shifts of single footprints", |run| run.optimise.search.measure_footprints = false),
     ("leave_out_vegetation = false", |run| run.optimise.search.leave_out_vegetation = false),
     ("split_levels = false", |run| run.optimise.search.split_levels = false),
     ("roof_forms = []", |run| run.optimise.search.roof_forms.clear()),

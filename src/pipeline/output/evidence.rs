@@ -50,7 +50,6 @@ pub(in crate::pipeline) fn gather(
     let problem = Problem {
         scene: &stage.scene,
         views: &settings.view_inputs(survey, &stage.scene),
-        expect_priors: &|_| Vec::new(),
         without_prior: &|_| None,
         load_prior: &|view| priors.load(view).map_err(|e| e.to_string()),
         seed: settings.seed,

@@ -16,6 +16,7 @@ use super::settings::OutputSettings;
 use crate::config::SAVED_NAME;
 use sizeup_geo::files::{write_json, write_whole};
 use sizeup_geo::geodata::raster::RasterFile;
+use sizeup_results::output::cityjson::CityJsonConfig;
 use sizeup_results::output::geopackage::{self, ProjectGround};
 use sizeup_results::output::reports::write_issues;
 use sizeup_results::output::{CityModel, OutputError, Records, RunSummary, cityjson};
@@ -27,8 +28,8 @@ pub(super) fn write_results(
     summary: &RunSummary,
 ) -> Result<(), PipelineError> {
     let folder = settings.folder.path();
-    cityjson::write(&folder.join("city.city.json"), model, &settings.config.cityjson)?;
-    geopackage::write(&folder.join("city.gpkg"), model, &settings.config.geopackage)?;
+    cityjson::write(&folder.join("city.city.json"), model, &CityJsonConfig::default())?;
+    geopackage::write(&folder.join("city.gpkg"), model)?;
     write_project(settings, folder, "city.gpkg", model)?;
     write_issues(&folder.join("issues.json"), model.issues)?;
     write_json(&folder.join("lineage.json"), &model.lineage)?;
@@ -65,5 +66,5 @@ pub fn write_project<R: Records + ?Sized>(
         (None, Some(level_m)) => ProjectGround::Level(level_m),
         (None, None) => ProjectGround::LowestWall,
     };
-    geopackage::write_project(&folder.join("city.qgs"), geopackage, model, &settings.config.geopackage, ground)
+    geopackage::write_project(&folder.join("city.qgs"), geopackage, model, ground)
 }

@@ -339,7 +339,7 @@ pub(in crate::pipeline) fn write_or_remove(
     match painted {
         Some((scene, textures)) => {
             let folder = output.folder.path().join(textured::FOLDER);
-            Ok(write_scene(&folder, model, &output.config.cityjson, scene, textures).map(drop)?)
+            Ok(write_scene(&folder, model, &CityJsonConfig::default(), scene, textures).map(drop)?)
         }
         None => Ok(textured::remove(&output.folder.path().join(textured::FOLDER))?),
     }
@@ -394,7 +394,7 @@ pub fn texture(settings: &RunSettings<'_>) -> Result<Texturing, PipelineError> {
         survey: &scene.survey,
     };
     let folder = output.folder.path().join(textured::FOLDER);
-    let summary = write_scene(&folder, &model, &output.config.cityjson, &scene, &textures)?;
+    let summary = write_scene(&folder, &model, &CityJsonConfig::default(), &scene, &textures)?;
     let mut written = vec![folder];
     let page = output.folder.join("report.html");
     if report::retexture(&page, model.records, TexturedCity::of_result(output.folder.path())?.as_ref())? {

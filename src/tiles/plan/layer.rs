@@ -39,7 +39,7 @@ impl CityFootprints {
         // Holds as soon as one footprint has what heights fall back on.
         let mut fallback = None;
         let mut lengths = Ok(());
-        let renamed = LayerParts::open(&*layer_of(settings)?, settings.ground.crs)?.visit(&mut |found| {
+        let renamed = LayerParts::open(&layer_of(settings), settings.ground.crs)?.visit(&mut |found| {
             if !matches!(fallback, Some(Ok(()))) {
                 fallback = Some(check_fallback(heights, found.footprints.iter().map(|f| &f.attributes)));
             }

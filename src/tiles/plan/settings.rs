@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::json;
 
-use crate::pipeline::{PipelineError, RunSettings, layer_of};
+use crate::pipeline::{PipelineError, RunSettings};
 use crate::tiles::TilesError;
 use crate::tiles::manifest::Tileset;
 use crate::tiles::stale::Trust;
@@ -71,7 +71,6 @@ pub(super) fn check(run: &RunSettings<'_>, settings: &PlanSettings) -> Result<()
             hint: "make it once with `sizeup survey dtm`, name it as terrain.dtm, and take [dtm] out",
         }));
     }
-    layer_of(&run.footprints)?;
     let refuse = |setting, found: String, expected| Err(TilesError::Setting { setting, found, expected });
     let is_within = |m: f64, low: f64| m.is_finite() && m >= low && m <= LARGEST_TILE_M;
     if let Some(size_m) = settings.size_m.filter(|&m| !is_within(m, 1.0)) {

@@ -9,7 +9,6 @@ use serde::{Deserialize, Serialize};
 use super::profile::{SegmenterProfile, built_in};
 use super::small;
 use crate::cadastre::CadastreConfig;
-use crate::consensus::default_roof_rounds;
 use crate::contours::ContourKind;
 use crate::georeference::InputAccuracy;
 use crate::layer::FootprintError;
@@ -36,11 +35,6 @@ pub struct SegmenterConfig {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-expert" = true))]
     pub pixel_m: Option<f64>,
-    /// Number of looks at each tile, 1, 2 or 4: as it is, then turned over across, and the other way up. What is said is averaged, and takes
-    /// as many times as long. Not for networks of instances. 4 for the network that comes with sizeup, else 1 where left out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("x-expert" = true))]
-    pub looks: Option<usize>,
     /// Probability above which there is a building, 0 to 1.
     #[serde(default = "default_above")]
     #[schemars(extend("x-expert" = true))]
@@ -51,10 +45,6 @@ pub struct SegmenterConfig {
     /// How accurate masks, poses and terrain are.
     #[serde(default)]
     pub accuracy: InputAccuracy,
-    /// For roof contours: how often footprints are moved to the heights found and heights are found again, 0 to 5.
-    #[serde(default = "default_roof_rounds")]
-    #[schemars(extend("x-expert" = true))]
-    pub roof_rounds: usize,
     /// An existing layer whose ids and attributes are kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cadastre: Option<CadastreConfig>,
@@ -73,11 +63,9 @@ impl SegmenterConfig {
             backbones: BTreeMap::new(),
             profile: Some(profile.to_owned()),
             pixel_m: None,
-            looks: None,
             above: default_above(),
             contour: ContourKind::default(),
             accuracy: InputAccuracy::default(),
-            roof_rounds: default_roof_rounds(),
             cadastre: None,
         }
     }
@@ -141,9 +129,6 @@ impl SegmenterConfig {
         }
         if !is_share(self.above) {
             return refuse(format!("above = {}", self.above), "a share from 0 to 1");
-        }
-        if let Some(looks) = self.looks.filter(|looks| !matches!(looks, 1 | 2 | 4)) {
-            return refuse(format!("looks = {looks}"), "1, 2 or 4 looks at each tile");
         }
         if let Some(pixel_m) = self.pixel_m.filter(|m| !(0.01..=10.0).contains(m)) {
             return refuse(format!("pixel_m = {pixel_m}"), "metres of ground per pixel, 0.01 to 10");

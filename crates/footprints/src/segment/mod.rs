@@ -66,8 +66,10 @@ impl ContourSource for Segmenter {
             Gives::Semantic | Gives::Roofs => {
                 let n_maps = if self.profile.gives == Gives::Roofs { 5 } else { 2 };
                 let mut mosaics: Vec<Mosaic> = Vec::new();
-                let looks = || TurnedOver::first(self.looks());
-                for (tile, turned) in windows.into_iter().flat_map(|tile| looks().map(move |turned| (tile, turned))) {
+                let turns = self.turns();
+                for (tile, &turned) in
+                    windows.into_iter().flat_map(|tile| turns.iter().map(move |turned| (tile, turned)))
+                {
                     let (masks, _, _) = self.look(&photo, &geometry, tile, turned)?;
                     // Of more channels, the first are what the profile speaks of.
                     for (i, map) in self.maps(&masks)?.into_iter().take(n_maps).enumerate() {

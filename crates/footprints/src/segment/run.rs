@@ -213,9 +213,9 @@ impl Segmenter {
         self.config.model.is_none()
     }
 
-    /// Number of looks at each tile.
-    pub(super) fn looks(&self) -> usize {
-        self.config.looks.unwrap_or(if self.is_built_in() { small::LOOKS } else { 1 })
+    /// The ways in which each tile is shown to the network: all of them to networks of our own form, where that was measured to pay.
+    pub(super) fn turns(&self) -> &'static [TurnedOver] {
+        if self.profile.name == small::PROFILE { &TurnedOver::ALL } else { &TurnedOver::ALL[..1] }
     }
 
     /// Side of a tile of a photo of this size, its pixels, each of which covers `pixel_m` of the ground: the network's own side, or more of

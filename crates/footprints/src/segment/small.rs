@@ -10,8 +10,6 @@ pub(super) const ONNX: &[u8] = include_bytes!("small.onnx");
 pub(super) const PROFILE: &str = "small.v1";
 /// Ground per pixel that finer photos are reduced to, metres: the network learned so (`pixel_m` of training/configs/longer.toml).
 pub(super) const PIXEL_M: f64 = 0.34;
-/// Number of looks at each tile.
-pub(super) const LOOKS: usize = 4;
 /// The network's name in messages.
 pub(super) const IN_WORDS: &str = "the built-in network";
 

@@ -13,11 +13,13 @@ pub(super) struct TurnedOver {
 }
 
 impl TurnedOver {
-    /// The turns for a number of looks, the first being none.
-    pub fn first(n: usize) -> impl Iterator<Item = Self> {
-        let all = [(false, false), (true, false), (true, true), (false, true)];
-        all.into_iter().take(n).map(|(columns, rows)| Self { columns, rows })
-    }
+    /// All of them, the first as it is.
+    pub const ALL: [Self; 4] = [
+        Self { columns: false, rows: false },
+        Self { columns: true, rows: false },
+        Self { columns: true, rows: true },
+        Self { columns: false, rows: true },
+    ];
 
     /// Maps `… × rows × columns` turned over.
     pub fn tensor(self, mut tensor: Tensor) -> Tensor {
@@ -72,7 +74,7 @@ mod tests {
 
     #[test]
     fn maps_are_turned_over_and_back_and_leans_with_them() {
-        let turns: Vec<TurnedOver> = TurnedOver::first(4).collect();
+        let turns = TurnedOver::ALL;
         let turned = |turn: TurnedOver| {
             let values = vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6];
             turn.lean(Tensor { shape: vec![1, 2, 2, 3], values }).values

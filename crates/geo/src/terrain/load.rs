@@ -12,6 +12,9 @@ use crate::geodata::raster::{RasterError, RasterFile};
 use crate::issue::{Issue, Severity, Subject};
 use crate::units::metres_per;
 
+/// The band that is read: most terrain models have no other.
+pub(super) const BAND: usize = 1;
+
 /// Where the ground is: exactly one of `dtm` and `constant_m`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -32,9 +35,6 @@ pub struct TerrainConfig {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<String>")]
     pub crs: Option<Crs>,
-    /// Band of the DTM that holds the heights, from 1.
-    #[schemars(extend("x-expert" = true))]
-    pub band: usize,
     /// How far beyond the project's area the DTM is read, metres. At least 0. No key of a configuration.
     #[serde(skip)]
     pub margin_m: f64,
@@ -46,15 +46,7 @@ pub struct TerrainConfig {
 
 impl Default for TerrainConfig {
     fn default() -> Self {
-        Self {
-            dtm: None,
-            constant_m: None,
-            vertical_offset_m: None,
-            crs: None,
-            band: 1,
-            margin_m: 100.0,
-            min_cell_m: 0.5,
-        }
+        Self { dtm: None, constant_m: None, vertical_offset_m: None, crs: None, margin_m: 100.0, min_cell_m: 0.5 }
     }
 }
 
@@ -265,19 +257,26 @@ fn load_dtm(
             project_reference: project.to_owned(),
         });
     }
-    let unit_m = unit_of(&file, path, &crs, config.band)?;
+    let unit_m = unit_of(&file, path, &crs, BAND)?;
     let source = reproject::DtmSource { file: &file, path, crs: &crs, config, unit_m };
     let (dem, voids) = reproject::read(&source, project_crs, area)?;
     let converted = (unit_m != 1.0).then(|| {
-        let unit =
-            crs.vertical_name().map_or_else(|| file.unit(config.band).ok().flatten(), |name| Some(name.to_owned()));
+        let unit = crs.vertical_name().map_or_else(|| file.unit(BAND).ok().flatten(), |name| Some(name.to_owned()));
         let message = format!(
             "its heights ({}) are multiplied by {unit_m:.7} to metres",
             unit.unwrap_or_else(|| "feet".to_owned())
         );
         Issue::new(Severity::Note, "terrain_converted", Subject::Input(path.display().to_string()), message)
     });
-    Ok(LoadedTerrain { terrain: Terrain::Grid(dem), issues: converted.into_iter().chain(voids).collect() })
+    let n_bands = file.n_bands();
+    let others = (n_bands > 1).then(|| {
+        let message = format!(
+            "it has {n_bands} bands: heights are read from the first (`gdal_translate -b N` writes another alone)"
+        );
+        Issue::new(Severity::Warning, "terrain_has_bands", Subject::Input(path.display().to_string()), message)
+    });
+    let issues = converted.into_iter().chain(others).chain(voids).collect();
+    Ok(LoadedTerrain { terrain: Terrain::Grid(dem), issues })
 }
 
 /// Metres per unit of the heights of a configured DTM; 1 without one.
@@ -287,7 +286,7 @@ fn load_dtm(
 pub fn height_unit_m(config: &TerrainConfig) -> Result<f64, TerrainError> {
     let Some(path) = &config.dtm else { return Ok(1.0) };
     let file = RasterFile::open(path)?;
-    unit_of(&file, path, &crs_of(&file, path, config)?, config.band)
+    unit_of(&file, path, &crs_of(&file, path, config)?, BAND)
 }
 
 /// CRS of a DTM: its own, with the vertical part that is stated where it lacks one, or the stated one.

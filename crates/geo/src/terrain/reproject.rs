@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::Dem;
-use super::load::{TerrainConfig, TerrainError};
+use super::load::{BAND, TerrainConfig, TerrainError};
 use super::voids::{HeightCells, Voids};
 use crate::crs::{Crs, CrsError, Transform};
 use crate::geodata::raster::{CellWindow, Grid, RasterFile, Resampling};
@@ -167,17 +167,16 @@ impl DtmSource<'_> {
         size: (usize, usize),
         counted: HeightCells,
     ) -> Result<(Raster<f32>, Voids), TerrainError> {
-        let band = self.config.band;
         let mut voids = Voids::default();
         let CellWindow { width, height, .. } = window;
         let is_whole = size == (width, height);
         if is_whole || width.saturating_mul(height) > MOST_CELLS {
             let resampling = if is_whole { Resampling::Nearest } else { Resampling::Average };
-            let mut heights = self.file.read_window(band, window, size, resampling)?;
+            let mut heights = self.file.read_window(BAND, window, size, resampling)?;
             voids.blank(&mut heights, counted);
             return Ok((heights, voids));
         }
-        self.file.check_window(band, window, size)?;
+        self.file.check_window(BAND, window, size)?;
         let rows_per_row = height as f64 / size.1 as f64;
         let rows_at_a_time = ((CELLS_AT_A_TIME as f64 / (width as f64 * rows_per_row)) as usize).max(1);
         let mut averaged = Vec::with_capacity(size.0 * size.1);
@@ -186,7 +185,7 @@ impl DtmSource<'_> {
             let from = ((first as f64 * rows_per_row) as usize).min(height - 1);
             let to = ((last as f64 * rows_per_row).ceil() as usize).clamp(from + 1, height);
             let part = CellWindow { row: window.row + from, height: to - from, ..window };
-            let mut cells = self.file.read_window(band, part, (width, to - from), Resampling::Nearest)?;
+            let mut cells = self.file.read_window(BAND, part, (width, to - from), Resampling::Nearest)?;
             voids.blank(&mut cells, counted);
             let top = first as f64 * rows_per_row - from as f64;
             averaged.extend(averages(&cells, size.0, last - first, top, rows_per_row));

@@ -9,9 +9,7 @@ use super::doubts::{mark_small, mark_towers};
 use super::parts::{PartId, Parts, without};
 use super::refinement::Refinement;
 use super::task::{Heights, MethodSettings, NamedCamera, Task};
-use crate::optimise::{
-    CalibrationRays, Former, Kept, OptimiseConfig, Problem, Rays, Solution, Solving, ViewInput, solve,
-};
+use crate::optimise::{CalibrationRays, Former, Kept, OptimiseConfig, Problem, Rays, Solution, ViewInput, solve};
 use crate::render::PlacedCamera;
 use crate::scene::Scene;
 use crate::views::ViewKind;
@@ -177,7 +175,6 @@ impl Rounds<'_> {
         let problem = Problem {
             scene,
             views: &view_inputs(views, optimise, scene, self.moved_m),
-            expect_priors: &|views| priors.prepare(views, &|done, total| progress(Solving::Priors, done, total)),
             without_prior: &|view| priors.absence(view),
             load_prior: &|view| priors.load(view),
             green: &|view| priors.green(view),

@@ -50,12 +50,6 @@ pub trait Priors: Sync {
     /// Why the photo has no prior.
     fn load(&self, view: usize) -> Result<DepthPrior, String>;
 
-    /// Announces the photos whose priors are loaded next, so that they can be computed together. Returns those that turn out to
-    /// have none, and why. `progress` takes the number of photos done and their total.
-    fn prepare(&self, _views: &[usize], _progress: &(dyn Fn(usize, usize) + Sync)) -> Vec<(usize, String)> {
-        Vec::new()
-    }
-
     /// Why a photo is known to have no prior before anything is loaded or computed.
     fn absence(&self, _view: usize) -> Option<String> {
         None

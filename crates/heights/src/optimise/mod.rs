@@ -26,4 +26,4 @@ pub use inspect::{InspectedPair, InspectedView, Inspection, inspect};
 pub use layer_shift::{LayerShift, LevelOff};
 pub use rays::Rays;
 pub use solution::{Doubts, EpochRecord, Reason, Solution, SolvedHeight};
-pub use solve::{Former, Kept, Problem, Solving, ViewInput, WithoutPrior, first_selection, solve};
+pub use solve::{Former, Kept, Problem, Solving, ViewInput, first_selection, solve};

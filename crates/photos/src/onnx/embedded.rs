@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use rten_tensor::prelude::*;
 
-use super::{Contents, EngineConfig, OnnxError, Port, Tensor, TensorContent};
+use super::{Contents, OnnxError, Port, Tensor, TensorContent};
 
 /// A graph in rten.
 pub(super) struct EmbeddedGraph {
@@ -21,7 +21,7 @@ impl std::fmt::Debug for EmbeddedGraph {
 }
 
 impl EmbeddedGraph {
-    pub(super) fn open(path: &Path, contents: &Contents, config: &EngineConfig) -> Result<Self, OnnxError> {
+    pub(super) fn open(path: &Path, contents: &Contents) -> Result<Self, OnnxError> {
         if contents.has_cubic_resize {
             return Err(OnnxError::CubicResize { path: path.to_owned() });
         }
@@ -31,7 +31,7 @@ impl EmbeddedGraph {
             hint: format!("is all its external data beside it? If it is sound, {}", super::RUNTIME_HINT),
         })?;
         let pool = |n_threads| Arc::new(rten::ThreadPool::with_num_threads(n_threads));
-        Ok(Self { model, threads: config.n_threads().map(pool) })
+        Ok(Self { model, threads: super::n_threads().map(pool) })
     }
 
     pub(super) fn of_bytes(path: &Path, bytes: &'static [u8]) -> Result<Self, OnnxError> {

@@ -14,6 +14,7 @@ pub mod runtime;
 mod second;
 
 use std::collections::BTreeMap;
+use std::num::NonZero;
 use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
@@ -166,6 +167,12 @@ pub fn profiles<P: DeserializeOwned>(text: &str) -> Result<Vec<P>, toml::de::Err
     Ok(all.remove("profile").unwrap_or_default())
 }
 
+/// Threads of one inference, where the program may not use all cores; engines like to use all.
+fn n_threads() -> Option<usize> {
+    let (most, allowed) = (std::thread::available_parallelism().map_or(1, NonZero::get), rayon::current_num_threads());
+    (allowed < most).then_some(allowed)
+}
+
 /// Which engine computes, and on what.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -177,9 +184,6 @@ pub struct EngineConfig {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-expert" = true))]
     pub library: Option<PathBuf>,
-    /// Threads of one inference, 0 = as the engine likes: all cores, which is also the most.
-    #[schemars(extend("x-expert" = true))]
-    pub threads: usize,
     /// Processors that ONNX Runtime computes on, tried in this order; what none of them can do is left to the CPU. One that the
     /// library does not have is an error.
     #[schemars(extend("x-expert" = true))]
@@ -187,12 +191,6 @@ pub struct EngineConfig {
 }
 
 impl EngineConfig {
-    /// Threads to start, where a number is given.
-    fn n_threads(&self) -> Option<usize> {
-        let most = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        (self.threads > 0).then(|| self.threads.min(most))
-    }
-
     /// Hands every path of these settings to `visit`, which may change it.
     pub fn visit_paths(&mut self, visit: PathVisitor<'_>) {
         self.library.iter_mut().for_each(visit);
@@ -279,8 +277,7 @@ impl Network {
     /// [`OnnxError`] but for those of running.
     pub fn open_with(path: &Path, config: &EngineConfig) -> Result<Self, OnnxError> {
         let contents = Contents::read(path)?;
-        let embedded =
-            || embedded::EmbeddedGraph::open(path, &contents, config).map(|graph| Graph::Embedded(Box::new(graph)));
+        let embedded = || embedded::EmbeddedGraph::open(path, &contents).map(|graph| Graph::Embedded(Box::new(graph)));
         let runtime = || runtime::RuntimeGraph::open(path, config).map(Graph::Runtime);
         // What only ONNX Runtime has is asked for by asking for it.
         let wants_runtime = config.name == EngineChoice::OnnxRuntime

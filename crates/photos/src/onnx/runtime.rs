@@ -91,7 +91,7 @@ impl RuntimeGraph {
             let mut builder = Session::builder(&library.environment).map_err(|e| text(&e))?;
             // What goes wrong comes back as an error; the library's own talk about it is not for users.
             builder = builder.with_log_level(ort::logging::LogLevel::Fatal).map_err(|e| text(&e))?;
-            if let Some(n_threads) = config.n_threads() {
+            if let Some(n_threads) = super::n_threads() {
                 builder = builder.with_intra_threads(n_threads).map_err(|e| text(&e))?;
             }
             let providers: Vec<ExecutionProviderDispatch> = config.providers.iter().map(|p| dispatch(*p)).collect();

@@ -9,8 +9,7 @@
 //! store               | lot 1 | lot 2 | …
 //! ```
 //!
-//! Two lots are in memory at a time, whatever the number of views. What goes into one inference together follows
-//! from the list of views and what is kept already, not from who was faster.
+//! Two lots are in memory at a time, whatever the number of views.
 
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
@@ -61,12 +60,11 @@ pub(super) fn in_stages(
     views: &[&View],
     done: &(dyn Fn() + Sync),
 ) -> Vec<PriorOutcome> {
-    let batch = priors.source().batch();
-    let lot = (2 * rayon::current_num_threads()).next_multiple_of(batch);
+    let lot = 2 * rayon::current_num_threads();
     let mut outcomes: Vec<PriorOutcome> = vec![Ok(true); views.len()];
     std::thread::scope(|scope| {
         let (to_network, prepared) = sync_channel::<(usize, Vec<PreparedPrior>)>(0);
-        let (to_store, inferred) = sync_channel::<Inferred>(batch);
+        let (to_store, inferred) = sync_channel::<Inferred>(1);
         scope.spawn(move || infer(priors.source(), &prepared, &to_store));
         let storing = scope.spawn(|| store(priors, views, inferred, done));
         for (i, lot_of_views) in views.chunks(lot).enumerate() {
@@ -91,35 +89,15 @@ fn prepare(priors: &CachedPriors<NetworkPriors>, view: &View, done: &(dyn Fn() +
     priors.source().prepare(view).map(Some)
 }
 
-/// The second stage: as many at once as the batch allows and have one size.
+/// The second stage: one view after the other.
 fn infer(network: &NetworkPriors, lots: &Receiver<(usize, Vec<PreparedPrior>)>, to_store: &SyncSender<Inferred>) {
+    let inferred = |ready: Ready| Ok((network.infer(&ready)?, ready));
     for (first, lot) in lots {
-        let mut waiting: Vec<(usize, Ready)> = Vec::new();
         for (i, prepared) in lot.into_iter().enumerate() {
-            match prepared {
-                Ok(None) => {}
-                Ok(Some(ready)) => {
-                    let is_full = waiting.len() == network.batch();
-                    if is_full || waiting.first().is_some_and(|(_, other)| other.shape() != ready.shape()) {
-                        infer_together(network, std::mem::take(&mut waiting), to_store);
-                    }
-                    waiting.push((first + i, ready));
-                }
-                Err(error) => send(to_store, first + i, Err(error.to_string())),
-            }
+            let Some(ready) = prepared.transpose() else { continue };
+            let result = ready.and_then(inferred).map(|(outputs, ready)| (ready, outputs));
+            send(to_store, first + i, result.map_err(|error: PriorError| error.to_string()));
         }
-        infer_together(network, waiting, to_store);
-    }
-}
-
-fn infer_together(network: &NetworkPriors, views: Vec<(usize, Ready)>, to_store: &SyncSender<Inferred>) {
-    let (places, ready): (Vec<usize>, Vec<Ready>) = views.into_iter().unzip();
-    match network.infer(&ready) {
-        Ok(outputs) => places
-            .into_iter()
-            .zip(ready.into_iter().zip(outputs))
-            .for_each(|(place, result)| send(to_store, place, Ok(result))),
-        Err(error) => places.into_iter().for_each(|place| send(to_store, place, Err(error.to_string()))),
     }
 }
 

@@ -75,12 +75,10 @@ pub struct FilePriorConfig {
     #[serde(default)]
     #[schemars(extend("x-expert" = true))]
     pub min_confidence: f64,
-    /// How far the shape may be off the photo's, pixels of the prior. 1 covers rounding; 7 covers networks that round
-    /// sides to a multiple of 14. At least 0.
-    #[serde(default = "one")]
-    #[schemars(extend("x-expert" = true))]
-    pub aspect_tolerance_px: f64,
 }
+
+/// How far a map's shape may be off the photo's, pixels of the map: networks round sides to a multiple of their patch's, 14 pixels.
+const ASPECT_TOLERANCE_PX: f64 = 7.0;
 
 fn one() -> f64 {
     1.0
@@ -102,7 +100,6 @@ impl FilePriorConfig {
             nodata: None,
             confidence_key: None,
             min_confidence: 0.0,
-            aspect_tolerance_px: 1.0,
         }
     }
 }
@@ -140,9 +137,6 @@ impl FilePriors {
         }
         if !(config.scale.is_finite() && config.scale != 0.0 && config.offset.is_finite()) {
             return Err(refuse("`scale` or `offset` is no number, or `scale` is 0", "`scale = 0.001` for millimetres"));
-        }
-        if !(config.aspect_tolerance_px >= 0.0 && config.aspect_tolerance_px.is_finite()) {
-            return Err(refuse("`aspect_tolerance_px` is no length", "pixels, such as 1 or 7"));
         }
         let folder = Path::new(&config.path);
         if folder.is_dir() {
@@ -230,7 +224,7 @@ impl FilePriors {
             "exr" => open().and_then(|file| super::exr_map::read_map(file, most, self.config.key.as_deref())),
             #[cfg(not(feature = "exr"))]
             "exr" => Err("this program was built without OpenEXR (`cargo build --features full` has it)".to_owned()),
-            "tif" | "tiff" | "png" => return self.read_image(path, view),
+            "tif" | "tiff" | "png" => return Self::read_image(path, view),
             _ => Err("its format is unknown, expected .npy, .npz, .tif, .tiff, .png (16 bit), .pfm or .exr".to_owned()),
         };
         values.map_err(|problem| PriorError::File { path: path.to_owned(), problem })
@@ -270,7 +264,7 @@ impl FilePriors {
     }
 
     /// GeoTIFF, TIFF or PNG with one band of at least 16 bits.
-    fn read_image(&self, path: &Path, view: &View) -> Result<Raster<f32>, PriorError> {
+    fn read_image(path: &Path, view: &View) -> Result<Raster<f32>, PriorError> {
         let refuse = |problem: String| PriorError::File { path: path.to_owned(), problem };
         let file = RasterFile::open(path)?;
         let sample = file.sample_type(1)?;
@@ -283,19 +277,18 @@ impl FilePriors {
         }
         // Before any of it is read.
         let size = file.size();
-        self.check_shape(path, size, view)?;
+        Self::check_shape(path, size, view)?;
         MapShape::of(&[1, size.1, size.0], most_values(view.camera.width_px, view.camera.height_px)).map_err(refuse)?;
         Ok(file.read(1)?)
     }
 
-    fn check_shape(&self, path: &Path, size: (usize, usize), view: &View) -> Result<(), PriorError> {
+    fn check_shape(path: &Path, size: (usize, usize), view: &View) -> Result<(), PriorError> {
         let (width, height) = (size.0 as f64, size.1 as f64);
         let (photo_width, photo_height) = (f64::from(view.camera.width_px), f64::from(view.camera.height_px));
         let off_px = (width - photo_width * height / photo_height)
             .abs()
             .min((height - photo_height * width / photo_width).abs());
-        // Half a pixel less a hair is what rounding one side leaves on its own.
-        if off_px <= self.config.aspect_tolerance_px {
+        if off_px <= ASPECT_TOLERANCE_PX {
             return Ok(());
         }
         Err(PriorError::Shape {
@@ -321,7 +314,7 @@ impl PriorSource for FilePriors {
     fn load(&self, view: &View) -> Result<DepthPrior, PriorError> {
         let path = self.present_path_of(&view.id)?;
         let mut values = self.read(&path, view)?;
-        self.check_shape(&path, (values.width(), values.height()), view)?;
+        Self::check_shape(&path, (values.width(), values.height()), view)?;
         values.data_mut().iter_mut().for_each(|value| *value = self.settle(*value));
 
         let mut present = values.data().iter().filter(|v| !v.is_nan());

@@ -79,8 +79,7 @@ pub enum PriorError {
     /// Shape other than the photo's.
     #[error(
         "prior {}: it has {width} × {height} pixels, the photo {view} {photo_width} × {photo_height}: not the same shape\n\
-         hint: priors are resized photos, never cropped or padded; networks that round sides to a multiple of 14 need \
-         `aspect_tolerance_px = 7`",
+         hint: priors are resized photos, never cropped or padded; their shape may be off by 7 pixels, as networks round sides",
         path.display()
     )]
     Shape {

@@ -203,12 +203,6 @@ impl Priors {
         }
     }
 
-    /// Whether several are computed at once, and kept: worth asking for ahead.
-    #[must_use]
-    pub fn computes_several(&self) -> bool {
-        matches!(self, Self::Network(network) if network.source().batch() > 1 && network.has_cache())
-    }
-
     /// Whether priors that were used are read, not computed, when they are asked for again.
     #[must_use]
     pub fn are_at_hand(&self) -> bool {

@@ -56,18 +56,12 @@ impl ViewInput {
     }
 }
 
-/// A view by its position, and why it has no prior.
-pub type WithoutPrior = (usize, String);
-
 /// Task of a solver.
 pub struct Problem<'a> {
     /// Footprints on the ground.
     pub scene: &'a Scene,
     /// Every view of the survey.
     pub views: &'a [ViewInput],
-    /// Told which views' priors are loaded next, by their positions, so that they can be computed together; those that
-    /// then are known to have none, and why.
-    pub expect_priors: &'a (dyn Fn(&[usize]) -> Vec<WithoutPrior> + Sync),
     /// Why a view is known to have no prior before anything is loaded or computed (its file is missing); `None`: it may
     /// have one.
     pub without_prior: &'a (dyn Fn(usize) -> Option<String> + Sync),

@@ -79,13 +79,8 @@ impl SolverState<'_> {
     }
 
     pub(super) fn load(&mut self, views: &[usize]) {
-        let mut new: Vec<usize> =
+        let new: Vec<usize> =
             views.iter().copied().filter(|&v| self.evidence[v].is_none() && self.failed[v].is_none()).collect();
-        let unknown: Vec<usize> = new.iter().copied().filter(|&v| self.problem.rays.prior(v).is_none()).collect();
-        for (v, why) in (self.problem.expect_priors)(&unknown) {
-            self.failed[v] = Some(why);
-        }
-        new.retain(|&v| self.failed[v].is_none());
         let n_done = std::sync::atomic::AtomicUsize::new(0);
         let loaded: Vec<_> = new
             .par_iter()

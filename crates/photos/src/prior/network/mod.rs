@@ -25,7 +25,7 @@ use self::preprocess::{NetworkInput, PreparedPhoto};
 use self::profile::{Company, Fit, Form, Lens, PoseUnit, Profile, Wiring};
 use super::neighbours::Neighbours;
 use super::{CacheConfig, CacheKey, DepthPrior, KeyHasher, PriorError, PriorGeometry, PriorKind, PriorSource};
-use crate::onnx::{Contents, EngineConfig, Network, Port, Tensor, is_profile_file, profile_in};
+use crate::onnx::{Contents, EngineConfig, Network, Tensor, is_profile_file, profile_in};
 use sizeup_geo::kept::Kept;
 use sizeup_geo::paths::{PathVisitor, visit_template};
 use sizeup_geo::terrain::Terrain;
@@ -35,8 +35,6 @@ use sizeup_survey::View;
 
 /// Prepared photos kept at a time for networks that take several: some 2 MB each.
 const PHOTOS_KEPT: usize = 32;
-/// Most photos in one inference.
-const MAX_BATCH: usize = 256;
 
 /// Which network, and what kind of network it is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -52,18 +50,9 @@ pub struct NetworkConfig {
     /// Which engine computes, and on what.
     #[serde(default)]
     pub engine: EngineConfig,
-    /// Photos in one inference, 1 to 256, for graphs whose first dimension is free; counts where priors are kept in a cache.
-    /// For GPUs; last digits can differ from those of single photos.
-    #[serde(default = "one_photo")]
-    #[schemars(extend("x-expert" = true))]
-    pub batch: usize,
     /// Where computed depth is kept, so that each view is computed once.
     #[serde(default)]
     pub cache: CacheConfig,
-}
-
-fn one_photo() -> usize {
-    1
 }
 
 impl NetworkConfig {
@@ -74,7 +63,6 @@ impl NetworkConfig {
             model: model.into(),
             profile: Some(profile.to_owned()),
             engine: EngineConfig::default(),
-            batch: one_photo(),
             cache: CacheConfig::default(),
         }
     }
@@ -172,7 +160,7 @@ impl NetworkPriors {
     /// for (`tallest_m`, metres) only networks that take several photos make use.
     ///
     /// # Errors
-    /// [`PriorError::Network`], or [`PriorError::Config`] where the profile or the batch does not fit.
+    /// [`PriorError::Network`], or [`PriorError::Config`] where the profile does not fit.
     pub fn new(
         mut config: NetworkConfig,
         views: &[View],
@@ -191,7 +179,6 @@ impl NetworkPriors {
             problem: format!("profile {:?} does not fit {}: {problem}", profile.name, config.model.display()),
             hint: "`sizeup model inspect` shows what the graph wants and which profiles fit".to_owned(),
         })?;
-        check_batch(&config, &wiring, network.inputs())?;
         // A graph that is not sound is refused here, with why.
         Contents::read(&config.model)?;
         let files = config.files();
@@ -222,11 +209,6 @@ impl NetworkPriors {
     /// Whether other photos of the same ground go in with a view's, and the terrain with them.
     pub(super) fn takes_several_photos(&self) -> bool {
         self.wiring.n_views > 1 || self.wiring.depth_range.is_some()
-    }
-
-    /// Most photos in one inference.
-    pub(super) fn batch(&self) -> usize {
-        self.config.batch
     }
 
     /// The view, and those that go in with it: fewer where the graph leaves the number free and there are no more.
@@ -322,27 +304,16 @@ impl NetworkPriors {
         [Some(output), sky.as_ref(), mask.as_ref(), poses.as_ref()].into_iter().flatten().map(String::as_str).collect()
     }
 
-    /// One inference: the wanted outputs of each of the views, which are all of one size.
-    pub(super) fn infer(&self, ready: &[Ready]) -> Result<Vec<Vec<Tensor>>, PriorError> {
-        let Some((first, more)) = ready.split_first() else { return Ok(Vec::new()) };
-        let mut inputs = first.inputs.clone();
-        let image = &mut inputs[0].1;
-        for other in more {
-            image.shape[0] += 1;
-            image.values.extend(&other.inputs[0].1.values);
-        }
-        let given: Vec<(&str, &Tensor)> = inputs.iter().map(|(name, tensor)| (name.as_str(), tensor)).collect();
+    /// One inference: the wanted outputs of a view.
+    pub(super) fn infer(&self, ready: &Ready) -> Result<Vec<Tensor>, PriorError> {
+        let given: Vec<(&str, &Tensor)> = ready.inputs.iter().map(|(name, tensor)| (name.as_str(), tensor)).collect();
         let wanted = self.wanted();
-        let outputs = {
-            let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
-            // On a thread outside any pool: an engine with a pool of its own would let this thread, if it is a pool's,
-            // take up the next view meanwhile, and that one would wait for the turn that this one has.
-            let run = || self.network.run_many(&given, &wanted);
-            std::thread::scope(|scope| scope.spawn(run).join())
-                .unwrap_or_else(|panic| std::panic::resume_unwind(panic))?
-        };
-        output::split_batch(outputs, ready.len())
-            .map_err(|problem| PriorError::File { path: self.config.model.clone(), problem })
+        let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
+        // On a thread outside any pool: an engine with a pool of its own would let this thread, if it is a pool's,
+        // take up the next view meanwhile, and that one would wait for the turn that this one has.
+        let run = || self.network.run_many(&given, &wanted);
+        Ok(std::thread::scope(|scope| scope.spawn(run).join())
+            .unwrap_or_else(|panic| std::panic::resume_unwind(panic))?)
     }
 
     /// The prior in what the network gave for a view.
@@ -412,44 +383,17 @@ impl NetworkPriors {
 }
 
 impl Ready {
-    /// Shape of the image: what goes into one inference has one shape.
-    pub(super) fn shape(&self) -> &[usize] {
-        &self.inputs[0].1.shape
-    }
-
     /// Place of the photo in it.
     pub(super) fn frame(&self) -> NetworkInput {
         self.frame
     }
 }
 
-/// Batches are of photos that go in alone, into graphs that leave their number free.
-fn check_batch(config: &NetworkConfig, wiring: &Wiring, inputs: &[Port]) -> Result<(), PriorError> {
-    let refuse = |problem: String, hint: &str| Err(PriorError::Config { problem, hint: hint.to_owned() });
-    let n = config.batch;
-    if !(1..=MAX_BATCH).contains(&n) {
-        return refuse(format!("`batch` is {n}, expected 1 to {MAX_BATCH}"), "photos in one inference");
-    }
-    let first = inputs.iter().find(|port| port.name == wiring.input).and_then(|port| port.shape.first().copied());
-    let is_free = first == Some(None) && wiring.n_views == 1 && wiring.extrinsics.is_none();
-    if n > 1 && !is_free {
-        let found = match first {
-            Some(Some(n)) => format!("its input {} is fixed to {n}", wiring.input),
-            _ => "it takes neighbouring photos together".to_owned(),
-        };
-        return refuse(
-            format!("`batch` is {n}, but {} cannot take several photos at once: {found}", config.model.display()),
-            "`batch = 1`, or export the graph with a free first dimension",
-        );
-    }
-    Ok(())
-}
-
 impl PriorSource for NetworkPriors {
     fn load(&self, view: &View) -> Result<DepthPrior, PriorError> {
         let ready = self.prepare(view)?;
         let frame = ready.frame;
-        let outputs = self.infer(&[ready])?.remove(0);
+        let outputs = self.infer(&ready)?;
         self.finish(view, &frame, outputs)
     }
 }

@@ -6,26 +6,6 @@ use crate::onnx::Tensor;
 use crate::prior::array::{MOST, MapShape};
 use sizeup_heights::raster::Raster;
 
-/// The outputs of each photo of a batch; `outputs` are those of the batch.
-pub(super) fn split_batch(outputs: Vec<Tensor>, n_photos: usize) -> Result<Vec<Vec<Tensor>>, String> {
-    if n_photos == 1 {
-        return Ok(vec![outputs]);
-    }
-    let mut of_photos: Vec<Vec<Tensor>> = (0..n_photos).map(|_| Vec::with_capacity(outputs.len())).collect();
-    for Tensor { mut shape, values } in outputs {
-        if shape.first() != Some(&n_photos) || values.is_empty() {
-            return Err(format!(
-                "it gives a tensor of shape {shape:?} for {n_photos} photos at once\nhint: set `batch = 1`"
-            ));
-        }
-        shape[0] = 1;
-        for (outputs, values) in of_photos.iter_mut().zip(values.chunks_exact(values.len() / n_photos)) {
-            outputs.push(Tensor { shape: shape.clone(), values: values.to_vec() });
-        }
-    }
-    Ok(of_photos)
-}
-
 /// One map of an output; of several, the first: the view itself.
 pub(super) fn map_of(tensor: Tensor, form: Form) -> Result<Raster<f32>, String> {
     if form == Form::Points {
@@ -75,17 +55,6 @@ mod tests {
 
     fn row(values: &[f32]) -> Raster<f32> {
         Raster::from_vec(values.len(), 1, values.to_vec()).unwrap()
-    }
-
-    #[test]
-    fn a_batch_comes_apart_photo_by_photo() {
-        let depth = Tensor { shape: vec![2, 1, 1, 3], values: vec![1., 2., 3., 4., 5., 6.] };
-        let sky = Tensor { shape: vec![2, 1], values: vec![7., 8.] };
-        let photos = split_batch(vec![depth.clone(), sky], 2).unwrap();
-        assert_eq!(photos[1][0], Tensor { shape: vec![1, 1, 1, 3], values: vec![4., 5., 6.] });
-        assert_eq!(photos[0][1].values, [7.]);
-        let single = Tensor { shape: vec![1, 1, 1, 6], ..depth };
-        assert!(split_batch(vec![single], 2).unwrap_err().contains("batch = 1"));
     }
 
     #[test]

@@ -25,7 +25,7 @@ pub fn header<R: ?Sized>(
     if let Some(url) = &config.extension_url {
         header.insert("extensions".to_owned(), names::extensions(url));
     }
-    header.insert("metadata".to_owned(), metadata(model, overview.extent.as_ref(), config.title.as_deref()));
+    header.insert("metadata".to_owned(), metadata(model, overview.extent.as_ref()));
     header.insert("transform".to_owned(), transform(grid));
     header
 }
@@ -39,8 +39,8 @@ pub fn write_head(out: &mut dyn Write, header: &JsonMap<String, Value>) -> io::R
     out.write_all(br#""CityObjects":{"#)
 }
 
-/// CityJSON's `metadata` object: extent, reference system, title and origin.
-fn metadata<R: ?Sized>(model: &CityModel<'_, R>, extent: Option<&Extent>, title: Option<&str>) -> Value {
+/// CityJSON's `metadata` object: extent, reference system and origin.
+fn metadata<R: ?Sized>(model: &CityModel<'_, R>, extent: Option<&Extent>) -> Value {
     let mut metadata = JsonMap::new();
     if let Some(Extent { min_m, max_m }) = extent {
         let corners: Vec<f64> = min_m.iter().chain(max_m).map(|v| tidy(*v)).collect();
@@ -51,9 +51,6 @@ fn metadata<R: ?Sized>(model: &CityModel<'_, R>, extent: Option<&Extent>, title:
     }
     if let Some(url) = reference_system(model.crs) {
         metadata.insert("referenceSystem".to_owned(), json!(url));
-    }
-    if let Some(title) = title {
-        metadata.insert("title".to_owned(), json!(title));
     }
     let mut lineage = json!(model.lineage.header());
     lineage["vertical_reference_system"] = json!(model.crs.vertical_name());

@@ -18,8 +18,6 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use geo::Area as _;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::buildings::{Families, Overview, Records};
 use super::footprint::SnappedFootprint;
@@ -38,26 +36,13 @@ use sizeup_geo::issue::{Issue, Severity, Subject};
 use vertices::VertexPool;
 
 /// How `CityJSON` is written.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-#[schemars(extend("x-expert" = true))]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct CityJsonConfig {
-    /// Title in the metadata.
-    #[schemars(extend("x-expert" = false))]
-    pub title: Option<String>,
     /// Names of the buildings' attributes.
-    #[serde(skip)]
     pub names: AttributeNames,
     /// Where `schemas/sizeup.ext.json` is published. If set, the file declares our extension there, and our attributes
     /// have its names (`+sizeup-height_m`), so that validators check their types.
-    #[serde(skip)]
     pub extension_url: Option<String>,
-}
-
-impl Default for CityJsonConfig {
-    fn default() -> Self {
-        Self { title: None, names: AttributeNames::Sizeup, extension_url: None }
-    }
 }
 
 /// Writes `path` (by convention `….city.json`) whole or not at all.

@@ -26,9 +26,6 @@ use crate::output::grid::SCALE_M;
 use crate::output::prism::MIN_THICKNESS_M;
 use std::path::Path;
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::footprints::FootprintRows;
 use super::grid::OutputGrid;
 use super::roof_solid::Detail;
@@ -39,43 +36,17 @@ use sizeup_geo::geodata::gpkg;
 /// Time of the last change when the lineage has no reference date.
 pub(crate) const NO_DATE: &str = "1970-01-01";
 
-/// The layers of solids.
-const SOLIDS: [&str; 3] = ["buildings_lod1", "buildings_lod13", "buildings_lod2"];
-
-/// How the `GeoPackage` is written.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-#[schemars(extend("x-expert" = true))]
-pub struct GeoPackageConfig {
-    /// Whether to write the faces of the solids: `buildings_lod1`, blocks for tools that cannot extrude, `buildings_lod13`, with the
-    /// levels of stepped roofs, and `buildings_lod2`, with roofs.
-    pub solids: bool,
-}
-
-impl Default for GeoPackageConfig {
-    fn default() -> Self {
-        Self { solids: true }
-    }
-}
-
 /// Whether a layer is part of a city's file.
-fn is_written(layer: &str, overview: &Overview, config: &GeoPackageConfig) -> bool {
-    match layer {
-        "footprints_moved" => overview.has_shifts,
-        _ => config.solids || !SOLIDS.contains(&layer),
-    }
+fn is_written(layer: &str, overview: &Overview) -> bool {
+    layer != "footprints_moved" || overview.has_shifts
 }
 
 /// Writes `path` (`….gpkg`) whole or not at all.
 ///
 /// # Errors
 /// [`OutputError`]: duplicate ids, a scene larger than the grid, GDAL, the file system.
-pub fn write<R: Records + ?Sized>(
-    path: &Path,
-    model: &CityModel<'_, R>,
-    config: &GeoPackageConfig,
-) -> Result<Overview, OutputError> {
-    write_divided(path, model, config, &[])
+pub fn write<R: Records + ?Sized>(path: &Path, model: &CityModel<'_, R>) -> Result<Overview, OutputError> {
+    write_divided(path, model, &[])
 }
 
 /// An area that was worked on by itself.
@@ -100,7 +71,6 @@ pub struct TileArea {
 pub fn write_divided<R: Records + ?Sized>(
     path: &Path,
     model: &CityModel<'_, R>,
-    config: &GeoPackageConfig,
     areas: &[TileArea],
 ) -> Result<Overview, OutputError> {
     let overview = Overview::of(model.records)?;
@@ -111,11 +81,9 @@ pub fn write_divided<R: Records + ?Sized>(
         gpkg::create(temporary, model.crs.definition(), &timestamp, |writer| {
             writer.create_data_columns()?;
             layers::buildings(writer, model.records, &footprints)?;
-            if config.solids {
-                layers::blocks(writer, model.records, &grid)?;
-                layers::roofed(writer, model.records, &grid, Detail::Levels)?;
-                layers::roofed(writer, model.records, &grid, Detail::Slopes)?;
-            }
+            layers::blocks(writer, model.records, &grid)?;
+            layers::roofed(writer, model.records, &grid, Detail::Levels)?;
+            layers::roofed(writer, model.records, &grid, Detail::Slopes)?;
             if overview.has_shifts {
                 layers::moved(writer, model.records)?;
             }
@@ -123,7 +91,7 @@ pub fn write_divided<R: Records + ?Sized>(
             layers::cameras(writer, model.survey)?;
             layers::issues(writer, model.issues)?;
             tables::lineage(writer, model.lineage)?;
-            tables::styles(writer, |layer| is_written(layer, &overview, config), &timestamp)
+            tables::styles(writer, |layer| is_written(layer, &overview), &timestamp)
         })
     })?;
     Ok(overview)

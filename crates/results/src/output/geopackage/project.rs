@@ -16,9 +16,9 @@ use zip::write::SimpleFileOptions;
 
 use super::super::grid::Extent;
 use super::super::{CityModel, Lineage, OutputError, Overview, Records};
+use super::is_written;
 use super::layers::columns_of;
 use super::tables::STYLES;
-use super::{GeoPackageConfig, SOLIDS, is_written};
 use sizeup_geo::crs::{Crs, Transform};
 use sizeup_geo::files::{FileError, write_whole};
 use sizeup_geo::geodata::features::Column;
@@ -110,7 +110,6 @@ pub fn write_project<R: Records + ?Sized>(
     path: &Path,
     geopackage: &str,
     model: &CityModel<'_, R>,
-    config: &GeoPackageConfig,
     ground: ProjectGround<'_>,
 ) -> Result<(), OutputError> {
     let overview = Overview::of(model.records)?;
@@ -119,7 +118,7 @@ pub fn write_project<R: Records + ?Sized>(
         title: escape(title.as_str()).into_owned(),
         geopackage: escape(geopackage).into_owned(),
         crs: spatial_reference(model.crs),
-        layers: LEGEND.into_iter().filter(|(name, ..)| is_written(name, &overview, config)).collect(),
+        layers: LEGEND.into_iter().filter(|(name, ..)| is_written(name, &overview)).collect(),
         columns: LEGEND.iter().map(|(name, ..)| (*name, columns_of(name, &overview))).collect(),
         extent: overview.extent,
         ground,
@@ -320,7 +319,7 @@ impl QgisProject<'_> {
                 text,
                 "<maplayer type=\"vector\"><id>{ID_PREFIX}{name}</id><datasource>./{geopackage}|layername={name}</datasource>\
                  <layername>{name}</layername><srs>{crs}</srs><provider encoding=\"UTF-8\">ogr</provider>{}{}</maplayer>",
-                style_of(name, self.layers.iter().any(|(name, ..)| SOLIDS.contains(name))),
+                style_of(name),
                 aliases(self.columns.get(name).map_or(&[], Vec::as_slice))
             );
         }
@@ -413,13 +412,13 @@ fn canvas(extent: &Extent) -> String {
 }
 
 /// Inside of the root element of a layer's style.
-fn style_of(layer: &str, has_solids: bool) -> String {
+fn style_of(layer: &str) -> String {
     let qml = STYLES.iter().find(|(name, _)| *name == layer).map_or("", |(_, qml)| *qml);
     let inside = qml.find("<qgis").and_then(|start| qml[start..].find('>').map(|end| &qml[start + end + 1..]));
     let style = inside.and_then(|text| text.rfind("</qgis>").map(|end| &text[..end])).unwrap_or("");
     // The solids with roofs are what the 3D view shows, the footprints what the map does.
     match layer {
-        "buildings" if has_solids => without(style, "renderer-3d", ""),
+        "buildings" => without(style, "renderer-3d", ""),
         "buildings_lod2" => without(style, "renderer-v2", "<renderer-v2 type=\"nullSymbol\"/>"),
         _ => style.to_owned(),
     }
