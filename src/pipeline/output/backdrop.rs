@@ -6,7 +6,8 @@
 //! ```
 //! Few photos are read: those that together see most of the town.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 use std::path::Path;
 
 use geo::BoundingRect as _;
@@ -247,16 +248,12 @@ impl<'a> BackdropSheet<'a> {
         let [x, y] = [block % columns, block / columns].map(|at| at * BLOCK_PX + BLOCK_PX / 2);
         let place = self.place(x, y);
         let aside = |k: usize| (views[k].centre() - place).truncate().length_squared();
-        let mut open: Vec<(f64, usize)> = (0..views.len()).map(|k| (aside(k), k)).collect();
+        // Squares are not negative, so their bits are in their order.
+        let mut open: BinaryHeap<_> = (0..views.len()).map(|k| Reverse((aside(k).to_bits(), k))).collect();
         // One of the first few sees it nearly everywhere: sorting all of them takes longer.
-        while let Some(nearest) = (0..open.len()).min_by(|&i, &j| open[i].0.total_cmp(&open[j].0)) {
-            let k = open[nearest].1;
-            if views[k].pixel_of(place).is_some() && sight(views[k].centre(), place) {
-                return Some(k);
-            }
-            open.remove(nearest);
-        }
-        None
+        std::iter::from_fn(|| open.pop())
+            .map(|Reverse((_, k))| k)
+            .find(|&k| views[k].pixel_of(place).is_some() && sight(views[k].centre(), place))
     }
 
     /// Pixels of a block, row by row.
@@ -294,7 +291,7 @@ fn choose<'a>(
         let gain = |v: &usize| sees[*v].iter().filter(|place| !is_covered[**place]).count();
         let gains = (0..views.len()).filter(|v| !chosen.contains(v)).map(|v| (gain(&v), v));
         // Among equals the first.
-        let Some((gain, best)) = gains.max_by_key(|&(gain, v)| (gain, std::cmp::Reverse(v))) else { break };
+        let Some((gain, best)) = gains.max_by_key(|&(gain, v)| (gain, Reverse(v))) else { break };
         if (gain as f64) < least {
             break;
         }
