@@ -160,7 +160,7 @@ impl Painted {
     fn colour_at(&self, texture: &SurfaceTexture, along: f64, up: f64) -> [u8; 3] {
         let corners = &texture.uv[0];
         let at = corners[0] + along * (corners[1] - corners[0]) + up * (corners[3] - corners[0]);
-        let page = image::load_from_memory(&self.textures.pages[texture.page.unwrap()].jpeg).unwrap().into_rgb8();
+        let page = image::load_from_memory(&self.textures.jpeg(texture.page.unwrap()).unwrap()).unwrap().into_rgb8();
         let pixel = at * DVec2::new(f64::from(page.width()), f64::from(page.height()));
         page.get_pixel(pixel.x as u32, pixel.y as u32).0
     }
@@ -311,6 +311,7 @@ fn the_bytes_are_the_same_on_one_thread_and_on_several() {
     };
     let (one, several) = (on(1), on(3));
     assert_eq!(one.pages, several.pages);
+    assert!((0..one.pages.len()).all(|page| one.jpeg(page).unwrap() == several.jpeg(page).unwrap()));
     assert_eq!(one.surfaces, several.surfaces);
 }
 

@@ -1,8 +1,10 @@
-//! Files that are either whole or absent: write under a temporary name, flush to disk, rename.
+//! Files that are either whole or absent: write under a temporary name, flush to disk, rename. And files without a name, for what does not fit
+//! into memory ([`UnnamedFile`]).
 
 use std::fs;
-use std::io::{self, BufWriter, Read as _, Write};
+use std::io::{self, BufWriter, Read, Seek as _, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use serde::Serialize;
 
@@ -116,6 +118,104 @@ pub fn write_whole_by_name<E: From<FileError>>(
     };
     finish().map_err(FileError::on("cannot write", path))?;
     Ok(())
+}
+
+/// Bytes on disk instead of in memory: written at the end, and read back in any order, by any thread. The file has no name, so nothing is left of
+/// it when the process ends, however that happens.
+#[derive(Debug)]
+pub struct UnnamedFile {
+    folder: PathBuf,
+    file: Mutex<fs::File>,
+}
+
+/// Place of some bytes in an [`UnnamedFile`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stored {
+    first_byte: u64,
+    n_bytes: usize,
+}
+
+impl Stored {
+    /// Number of the bytes.
+    #[must_use]
+    pub fn n_bytes(&self) -> usize {
+        self.n_bytes
+    }
+}
+
+impl UnnamedFile {
+    /// Makes an empty file in a folder, which is made where there is none.
+    ///
+    /// # Errors
+    /// [`FileError`] when the folder cannot be written.
+    pub fn new(folder: &Path) -> Result<Self, FileError> {
+        let file = fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder));
+        let file = file.map_err(FileError::on("cannot write into", folder))?;
+        Ok(Self { folder: folder.to_owned(), file: Mutex::new(file) })
+    }
+
+    /// Writes bytes at the end.
+    ///
+    /// # Errors
+    /// [`FileError`]: above all a full disk.
+    pub fn put(&self, bytes: &[u8]) -> Result<Stored, FileError> {
+        let mut file = self.file();
+        let first_byte = file.seek(SeekFrom::End(0)).and_then(|end| file.write_all(bytes).map(|()| end));
+        let first_byte = first_byte.map_err(FileError::on("cannot write into", &self.folder))?;
+        Ok(Stored { first_byte, n_bytes: bytes.len() })
+    }
+
+    /// Reads bytes back.
+    ///
+    /// # Errors
+    /// [`FileError`], which is never the input's fault.
+    pub fn get(&self, at: Stored) -> Result<Vec<u8>, FileError> {
+        let (mut bytes, mut file) = (vec![0; at.n_bytes], self.file());
+        let read = file.seek(SeekFrom::Start(at.first_byte)).and_then(|_| file.read_exact(&mut bytes));
+        read.map_err(|e| self.lost(e))?;
+        Ok(bytes)
+    }
+
+    /// Reads all bytes from the first one on.
+    pub fn reader(&self) -> impl Read + '_ {
+        UnnamedReader { of: self, next_byte: 0 }
+    }
+
+    /// Error for bytes that do not come back, or not as they were.
+    #[must_use]
+    pub fn lost(&self, source: io::Error) -> FileError {
+        FileError::on("lost a temporary file in", &self.folder)(source)
+    }
+
+    fn file(&self) -> MutexGuard<'_, fs::File> {
+        self.file.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Write for &UnnamedFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.put(bytes).map(|at| at.n_bytes).map_err(io::Error::other)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Position in an [`UnnamedFile`] that is read from its first byte on.
+struct UnnamedReader<'a> {
+    of: &'a UnnamedFile,
+    next_byte: u64,
+}
+
+impl Read for UnnamedReader<'_> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let mut file = self.of.file();
+        let read = file.seek(SeekFrom::Start(self.next_byte)).and_then(|_| file.read(bytes));
+        let n_read = read.map_err(|e| io::Error::other(self.of.lost(e)))?;
+        self.next_byte += n_read as u64;
+        Ok(n_read)
+    }
 }
 
 /// Reads a whole file of text or bytes, as long as it may be ([`crate::limits`]); also what has no length of its own, such as
@@ -253,6 +353,38 @@ mod tests {
         write_whole(&folder.path().join("a.gpkg"), |w| w.write_all(b"whole")).unwrap();
         assert!(dead.iter().all(|name| !folder.path().join(name).exists()));
         assert!(others.iter().all(|name| folder.path().join(name).exists()));
+    }
+
+    #[test]
+    fn an_unnamed_file_gives_bytes_back_in_any_order_and_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let inside = folder.path().join("new");
+        let file = UnnamedFile::new(&inside).unwrap();
+        let pieces: [&[u8]; 3] = [b"first", b"", b"third"];
+        let places = pieces.map(|piece| file.put(piece).unwrap());
+        for k in [2, 0, 1, 0] {
+            assert_eq!(file.get(places[k]).unwrap(), pieces[k]);
+        }
+        let mut reader = file.reader();
+        reader.read_exact(&mut [0; 2]).unwrap();
+        (&file).write_all(b", and more").unwrap();
+        let mut rest = String::new();
+        reader.read_to_string(&mut rest).unwrap();
+        assert_eq!(rest, "rstthird, and more");
+        assert_eq!(fs::read_dir(&inside).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn an_unnamed_file_that_fails_is_not_the_inputs_fault() {
+        let folder = tempfile::tempdir().unwrap();
+        let [long, empty] = [0, 1].map(|_| UnnamedFile::new(folder.path()).unwrap());
+        let lost = empty.get(long.put(b"long").unwrap()).unwrap_err();
+        assert_eq!(lost.action, "lost a temporary file in");
+        let file = folder.path().join("file");
+        fs::write(&file, "").unwrap();
+        let cannot_write = UnnamedFile::new(&file).unwrap_err();
+        assert_eq!(cannot_write.to_string(), format!("cannot write into {}", file.display()));
+        assert!(!lost.is_of_input() && !cannot_write.is_of_input());
     }
 
     #[test]

@@ -21,7 +21,7 @@ use sizeup_geo::terrain::{MapBox, Terrain};
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::scene::LocalGround;
 use sizeup_photos::textures::{
-    Choice, Surface, SurfaceKind, SurfaceScene, TextureTask, TexturedArea, Textures, bake, fill_unknown,
+    Choice, Page, Surface, SurfaceKind, SurfaceScene, TextureTask, TexturedArea, Textures, bake, fill_unknown,
 };
 use sizeup_results::output::cityjson::CityJsonConfig;
 use sizeup_results::output::picture::photo_of;
@@ -139,12 +139,12 @@ impl TextureScene {
         let mut hidden_cells = Vec::new();
         if let Some(shown) = &laid.shown {
             hidden_cells = cells_without(shown, n_nodes);
-            fill_unknown(&mut picture, shown.pixels().map(|pixel| pixel[0] > 0).collect());
+            fill_unknown(&mut picture, &shown.pixels().map(|pixel| pixel[0] > 0).collect::<Vec<_>>());
         }
         Some(TexturedGround { picture, bounds_m: laid.bounds_m, n_nodes, heights_m, hidden_cells, photos: laid.photos })
     }
 
-    /// Textures from some of the photos; `scratch` is a folder for an unnamed file of colours.
+    /// Textures from some of the photos; `scratch` is a folder for unnamed files.
     ///
     /// # Errors
     /// [`FileError`]: no file can be written there.
@@ -270,7 +270,7 @@ impl TextureSummary {
         Self {
             texel_m: textures.texel_m,
             n_pages: textures.pages.len(),
-            n_bytes: textures.pages.iter().map(|page| page.jpeg.len()).sum(),
+            n_bytes: textures.pages.iter().map(Page::n_bytes).sum(),
             roofs: textures.areas(&scene.surfaces, SurfaceKind::Roof),
             walls: textures.areas(&scene.surfaces, SurfaceKind::Wall),
             buildings,

@@ -13,6 +13,7 @@ use super::TextureTask;
 use super::chart::Chart;
 use super::paint::Painted;
 use super::scene::SurfaceScene;
+use sizeup_geo::files::{FileError, Stored, UnnamedFile};
 
 /// Greatest side of a page, pixels: twice what WebGL 2 promises; a first choice.
 pub(super) const MOST_SIDE_PX: u32 = 4096;
@@ -23,14 +24,22 @@ const ROOM: f64 = 1.1;
 const JPEG_QUALITY: u8 = 85;
 
 /// A picture of the atlas.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Page {
     /// Columns of the picture.
     pub width: u32,
     /// Rows of the picture.
     pub height: u32,
-    /// The picture as JPEG.
-    pub jpeg: Vec<u8>,
+    /// The picture as JPEG, in the file of all.
+    pub(super) jpeg: Stored,
+}
+
+impl Page {
+    /// Bytes of the picture as JPEG.
+    #[must_use]
+    pub fn n_bytes(&self) -> usize {
+        self.jpeg.n_bytes()
+    }
 }
 
 /// Where a surface is painted: on which page, and where its plane's origin is there.
@@ -56,16 +65,22 @@ pub(super) type Group = Vec<Range<usize>>;
 pub(super) struct Atlas {
     pub pages: Vec<Page>,
     pub places: Vec<Option<PagePlace>>,
+    pub pictures: UnnamedFile,
 }
 
 impl Atlas {
-    /// An atlas without pages.
-    pub fn empty(n_surfaces: usize) -> Self {
-        Self { pages: Vec::new(), places: vec![None; n_surfaces] }
+    /// An atlas without pages; their pictures go to a file.
+    pub fn empty(n_surfaces: usize, pictures: UnnamedFile) -> Self {
+        Self { pages: Vec::new(), places: vec![None; n_surfaces], pictures }
     }
 
     /// Lays the painted surfaces of some groups out on pages of their own.
-    pub fn add(&mut self, groups: &[Group], charts: &[Option<Chart>], painted: &[Option<Painted>]) {
+    pub fn add(
+        &mut self,
+        groups: &[Group],
+        charts: &[Option<Chart>],
+        painted: &[Option<Painted>],
+    ) -> Result<(), FileError> {
         let size = |i: usize| painted[i].as_ref().map(|p| UVec2::new(p.picture.width(), p.picture.height()));
         let corners = corners(groups, self.pages.len(), &size);
         for &(i, corner) in &corners {
@@ -86,10 +101,13 @@ impl Atlas {
             for (picture, at) in pictures() {
                 image::imageops::replace(&mut whole, picture, i64::from(at.x), i64::from(at.y));
             }
-            Page { width: size.x, height: size.y, jpeg: jpeg(&whole) }
+            (size, jpeg(&whole))
         };
-        let pages: Vec<Page> = (self.pages.len()..n_pages).into_par_iter().map(page).collect();
-        self.pages.extend(pages);
+        let pages: Vec<(UVec2, Vec<u8>)> = (self.pages.len()..n_pages).into_par_iter().map(page).collect();
+        for (size, jpeg) in pages {
+            self.pages.push(Page { width: size.x, height: size.y, jpeg: self.pictures.put(&jpeg)? });
+        }
+        Ok(())
     }
 
     /// Shares of the page for each corner of a surface.

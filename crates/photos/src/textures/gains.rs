@@ -10,6 +10,7 @@
 use super::median_or;
 use super::views::Candidate;
 use super::warp::shared;
+use sizeup_geo::files::{FileError, UnnamedFile};
 
 /// Weight of a gain's own size, in shared cells: small beside the cells of one wall.
 const OWN_WEIGHT: f64 = 1.0;
@@ -19,17 +20,15 @@ const N_SWEEPS: usize = 50;
 const DARKEST: f32 = 8.0;
 
 /// Factors of the photos' colours, one per view.
-pub(super) fn solve(n_views: usize, candidates: &[Vec<Candidate>]) -> Vec<f32> {
+pub(super) fn solve(n_views: usize, candidates: &[Vec<Candidate>], file: &UnnamedFile) -> Result<Vec<f32>, FileError> {
     let mut pairs: Vec<Vec<(usize, f64, f64)>> = vec![Vec::new(); n_views];
     for of_surface in candidates {
-        let brightness = |candidate: &Candidate| -> Option<Vec<f32>> {
-            let colours = candidate.colours.as_ref()?;
-            Some(colours.means.iter().map(|mean| mean.iter().sum::<f32>() / 3.0).collect())
+        let brightness = |candidate: &Candidate| {
+            Ok(candidate.means(file)?.iter().map(|mean| mean.iter().sum::<f32>() / 3.0).collect())
         };
-        let brightness: Vec<Option<Vec<f32>>> = of_surface.iter().map(brightness).collect();
+        let brightness: Vec<Vec<f32>> = of_surface.iter().map(brightness).collect::<Result<_, FileError>>()?;
         for (i, (a, of_a)) in of_surface.iter().zip(&brightness).enumerate() {
             for (b, of_b) in of_surface.iter().zip(&brightness).skip(i + 1) {
-                let (Some(of_a), Some(of_b)) = (of_a, of_b) else { continue };
                 let ratios: Vec<f64> = shared(a, b).filter_map(|cell| ratio(of_a[cell], of_b[cell])).collect();
                 let (n, ratio) = (ratios.len() as f64, median_or(&ratios, 0.0));
                 pairs[a.view].push((b.view, n, ratio));
@@ -46,7 +45,7 @@ pub(super) fn solve(n_views: usize, candidates: &[Vec<Candidate>]) -> Vec<f32> {
             gains[view] = sum / weight;
         }
     }
-    gains.iter().map(|gain| gain.exp() as f32).collect()
+    Ok(gains.iter().map(|gain| gain.exp() as f32).collect())
 }
 
 /// Logarithm of one photo's brightness of a cell by another's.

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::chart::Chart;
 use super::paint::{AGREES_WITHIN, LEAST_PHOTOS, difference, median};
 use super::views::{Candidate, Shown};
+use sizeup_geo::files::{FileError, UnnamedFile};
 
 /// Fewest cells that a photo is judged by; a first choice.
 const LEAST_CELLS: usize = 40;
@@ -22,15 +23,17 @@ pub(super) fn find(
     charts: &[Option<Chart>],
     candidates: &[Vec<Candidate>],
     gains: &[f32],
-) -> Vec<(usize, f64)> {
+    file: &UnnamedFile,
+) -> Result<Vec<(usize, f64)>, FileError> {
     let counts = |(chart, of_surface): (&Option<Chart>, &Vec<Candidate>)| {
         let mut counts = vec![(0_usize, [0_usize; 2]); of_surface.len()];
         counts.iter_mut().zip(of_surface).for_each(|(count, candidate)| count.0 = candidate.view);
-        let Some(chart) = chart else { return counts };
+        let Some(chart) = chart else { return Ok(counts) };
+        let means = of_surface.iter().map(|candidate| candidate.means(file)).collect::<Result<Vec<_>, FileError>>()?;
         for cell in 0..chart.cells.len() {
             let clear = of_surface.iter().enumerate().filter(|(_, candidate)| candidate.shown[cell] == Shown::Clear);
-            let means: Vec<(usize, [f32; 3])> =
-                clear.filter_map(|(k, candidate)| Some((k, candidate.mean(cell, gains)?))).collect();
+            let mean = |(k, candidate): (usize, &Candidate)| (k, means[k][cell].map(|v| v * gains[candidate.view]));
+            let means: Vec<(usize, [f32; 3])> = clear.map(mean).collect();
             if means.len() < LEAST_PHOTOS {
                 continue;
             }
@@ -40,10 +43,11 @@ pub(super) fn find(
                 counts[k].1[1] += usize::from(difference(&mean, &median) > AGREES_WITHIN);
             }
         }
-        counts
+        Ok(counts)
     };
+    let counts: Result<Vec<Vec<_>>, FileError> = charts.par_iter().zip(candidates).map(counts).collect();
     let mut of_view = vec![[0_usize; 2]; n_views];
-    for (view, [n, n_disagreeing]) in charts.par_iter().zip(candidates).flat_map_iter(counts).collect::<Vec<_>>() {
+    for (view, [n, n_disagreeing]) in counts?.into_iter().flatten() {
         of_view[view][0] += n;
         of_view[view][1] += n_disagreeing;
     }
@@ -51,5 +55,5 @@ pub(super) fn find(
     let shares = shares.map(|(view, [n, n_disagreeing])| (view, n_disagreeing as f64 / n as f64));
     let shares: Vec<(usize, f64)> = shares.collect();
     tracing::debug!("share of its cells in which each photo disagrees with the others: {shares:.2?}");
-    shares.into_iter().filter(|(_, share)| *share > MOST_DISAGREEING).collect()
+    Ok(shares.into_iter().filter(|(_, share)| *share > MOST_DISAGREEING).collect())
 }

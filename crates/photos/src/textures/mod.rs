@@ -3,7 +3,7 @@
 //! ```text
 //! per surface       charts ([`chart`]): its plane cut into texels, and into cells of some half a metre
 //! per photo         which cells it shows: buildings and terrain hide them ([`scene`], [`views`])
-//! per photo         decoded once, its colours laid into the charts that it may paint ([`warp`]), where they wait in a file ([`shelf`])
+//! per photo         decoded once, its colours laid into the charts that it may paint, in a file ([`warp`])
 //! per town          one gain per photo, by least squares over the surfaces that photos share ([`gains`])
 //! per building      the photo of each surface; neighbours prefer the same one ([`choose`])
 //! per texel         the surface's photo where it shows it and agrees with the others, else another; hidden texels are
@@ -34,7 +34,6 @@ mod misplaced;
 mod paint;
 mod render;
 mod scene;
-mod shelf;
 pub mod similarity;
 mod views;
 mod warp;
@@ -47,7 +46,7 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use sizeup_geo::files::FileError;
+use sizeup_geo::files::{FileError, UnnamedFile};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::scene::LocalGround;
@@ -59,7 +58,6 @@ use chart::Chart;
 pub use paint::fill_unknown;
 pub use render::{Rendering, TexturedTown};
 pub use scene::SurfaceScene;
-use shelf::Shelf;
 
 /// Settings of the textures.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
@@ -132,7 +130,7 @@ pub struct TextureTask<'a> {
     pub choice: Choice,
     /// Group of each building, by its position among all: a page has the surfaces of one group. Empty: all are one group.
     pub groups: &'a [usize],
-    /// Folder for an unnamed file of colours; it is made where there is none.
+    /// Folder for unnamed files of colours and pictures; it is made where there is none.
     pub scratch: &'a Path,
 }
 
@@ -194,9 +192,19 @@ pub struct Textures {
     pub texel_m: f64,
     /// Photos that could not be read, and surfaces without a photo.
     pub issues: Vec<Issue>,
+    /// The pages' pictures.
+    pictures: UnnamedFile,
 }
 
 impl Textures {
+    /// Reads back the picture of a page, JPEG.
+    ///
+    /// # Errors
+    /// [`FileError`]: the file is lost.
+    pub fn jpeg(&self, page: usize) -> Result<Vec<u8>, FileError> {
+        self.pictures.get(self.pages[page].jpeg)
+    }
+
     /// Areas of all surfaces of a kind.
     #[must_use]
     pub fn areas(&self, surfaces: &[Surface], kind: SurfaceKind) -> TexturedArea {
@@ -207,7 +215,7 @@ impl Textures {
 }
 
 /// Groups of buildings that are painted at a time.
-const GROUPS_AT_A_TIME: usize = 4;
+const GROUPS_AT_A_TIME: usize = 2;
 /// Colour of walls and roofs in a town that no photo shows.
 const NO_PHOTO: [u8; 3] = [200, 200, 200];
 
@@ -230,38 +238,39 @@ pub fn bake(task: &TextureTask<'_>) -> Result<Textures, FileError> {
             chart.as_ref().map_or_else(Vec::new, |c| views::candidates(&scene, i, c, &placed, task.choice))
         })
         .collect();
-    let shelf = Shelf::new(task.scratch)?;
-    let mut issues = warp::fill(task, &scene, &charts, &mut candidates, &shelf)?;
+    let file = UnnamedFile::new(task.scratch)?;
+    let mut issues = warp::fill(task, &scene, &charts, &mut candidates, &file)?;
     let gains = match task.choice {
         Choice::Agreeing => {
-            let gains = gains::solve(task.views.len(), &candidates);
-            let misplaced = misplaced::find(task.views.len(), &charts, &candidates, &gains);
+            let gains = gains::solve(task.views.len(), &candidates, &file)?;
+            let misplaced = misplaced::find(task.views.len(), &charts, &candidates, &gains, &file)?;
             for &(view, share) in &misplaced {
                 let is_other = |candidate: &views::Candidate| candidate.view != view;
                 candidates.iter_mut().for_each(|of_surface| of_surface.retain(is_other));
                 issues.push(disagreement(&task.views[view], share));
             }
-            if misplaced.is_empty() { gains } else { gains::solve(task.views.len(), &candidates) }
+            if misplaced.is_empty() { gains } else { gains::solve(task.views.len(), &candidates, &file)? }
         }
         Choice::BestPerSurface => vec![1.0; task.views.len()],
     };
     let chosen = choose::photos(task.surfaces, &candidates, task.choice);
-    let paint = |(i, mut candidates): (usize, Vec<views::Candidate>)| {
-        candidates.iter_mut().filter_map(|of| of.colours.as_mut()).try_for_each(|of| of.unshelve(&shelf))?;
+    let paint = |(i, candidates): (usize, Vec<views::Candidate>)| {
+        let Some(chart) = &charts[i] else { return Ok((i, None)) };
+        let colours: Result<Vec<_>, FileError> = candidates.iter().map(|of| of.colours(chart, &file)).collect();
         let eave_m = (task.surfaces[i].kind == SurfaceKind::Wall).then_some(task.surfaces[i].sigma_m);
-        let palette = paint::Palette { candidates: &candidates, first: chosen[i], gains: &gains, eave_m };
-        let chart = charts[i].as_ref();
-        Ok((i, chart.and_then(|chart| paint::paint(chart, &palette, task.choice))))
+        let palette =
+            paint::Palette { candidates: &candidates, colours: &colours?, first: chosen[i], gains: &gains, eave_m };
+        Ok((i, paint::paint(chart, &palette, task.choice)))
     };
     // A surface's photos are forgotten when it is painted, and its picture when it is on a page: together they are most of the memory.
     let mut painted: Vec<Option<paint::Painted>> = (0..task.surfaces.len()).map(|_| None).collect();
-    let mut atlas = atlas::Atlas::empty(task.surfaces.len());
+    let mut atlas = atlas::Atlas::empty(task.surfaces.len(), UnnamedFile::new(task.scratch)?);
     for groups in atlas::groups(task).chunks(GROUPS_AT_A_TIME) {
         let surfaces = || groups.iter().flatten().cloned().flatten();
         let of_groups: Vec<_> = surfaces().map(|i| (i, std::mem::take(&mut candidates[i]))).collect();
         let found: Result<Vec<_>, FileError> = of_groups.into_par_iter().map(paint).collect();
         found?.into_iter().for_each(|(i, of)| painted[i] = of);
-        atlas.add(groups, &charts, &painted);
+        atlas.add(groups, &charts, &painted)?;
         for i in surfaces() {
             if let Some(painted) = &mut painted[i] {
                 painted.picture = RgbImage::default();
@@ -285,7 +294,7 @@ pub fn bake(task: &TextureTask<'_>) -> Result<Textures, FileError> {
         })
         .collect();
     issues.extend(without_photo(task.surfaces, &surfaces));
-    Ok(Textures { pages: atlas.pages, surfaces, texel_m, issues })
+    Ok(Textures { pages: atlas.pages, surfaces, texel_m, issues, pictures: atlas.pictures })
 }
 
 /// Mean colours of the painted surfaces of the same building and kind, else of the town's, for those without a photo.

@@ -11,7 +11,7 @@
 use image::{Rgb, RgbImage};
 
 use super::chart::Chart;
-use super::views::{Candidate, Shown};
+use super::views::{Candidate, Colours, Shown};
 use super::{Choice, TexturedArea, eave};
 
 /// Largest difference of a cell's mean from the median of the photos, of 255, at which a photo still shows the surface.
@@ -24,6 +24,8 @@ const MOST_EAVE: f32 = 0.25;
 /// Photos of a surface.
 pub(super) struct Palette<'a> {
     pub candidates: &'a [Candidate],
+    /// Colours of each.
+    pub colours: &'a [Colours],
     /// Position of the surface's own photo.
     pub first: usize,
     /// Gains of all views.
@@ -88,7 +90,7 @@ pub(super) fn paint(chart: &Chart, palette: &Palette<'_>, choice: Choice) -> Opt
     if n_seen == 0 {
         return None;
     }
-    fill_unknown(&mut picture, known);
+    fill_unknown(&mut picture, &known);
     let most = (0..n_by.len()).max_by_key(|&k| (n_by[k], std::cmp::Reverse(k)))?;
     let mean = sum.map(|v| (v / f64::from(n_seen)) as f32);
     Some(Painted { picture, mean, photo: palette.candidates[most].view, n_seen, n_filled })
@@ -110,8 +112,8 @@ fn painter(chart: &Chart, palette: &Palette<'_>, cell: usize, choice: Choice) ->
     if choice == Choice::BestPerSurface {
         return own_first().next().filter(|&k| candidates.get(k).is_some_and(|c| c.shown[cell] != Shown::Hidden));
     }
-    let clear: Vec<(usize, [f32; 3])> =
-        shows(Shown::Clear).filter_map(|k| Some((k, candidates[k].mean(cell, palette.gains)?))).collect();
+    let mean = |k: usize| (k, palette.colours[k].means[cell].map(|v| v * palette.gains[candidates[k].view]));
+    let clear: Vec<(usize, [f32; 3])> = shows(Shown::Clear).map(mean).collect();
     if clear.len() < LEAST_PHOTOS {
         return clear.first().map(|(k, _)| *k).or_else(|| shows(Shown::Beside).next());
     }
@@ -148,14 +150,12 @@ fn colour(
     let (cx, cy) = (x / chart.cell_px, y / chart.cell_px);
     let own = painters[(cy * chart.cells_size.x + cx) as usize];
     let of = |k: usize| {
-        let candidate = &palette.candidates[k];
-        let colours = candidate.colours.as_ref()?;
-        let gain = palette.gains[candidate.view];
-        Some(colours.at(chart, (x, y)).map(|v| f32::from(v) * gain))
+        let gain = palette.gains[palette.candidates[k].view];
+        palette.colours[k].at(chart, (x, y)).map(|v| f32::from(v) * gain)
     };
     let (mut sum, mut total) = ([0.0_f32; 3], 0.0_f32);
     let mut add = |painter: Option<usize>, weight: f32| {
-        if let Some(colour) = painter.and_then(of) {
+        if let Some(colour) = painter.map(of) {
             total += weight;
             sum.iter_mut().zip(colour).for_each(|(sum, v)| *sum += weight * v);
         }
@@ -174,7 +174,7 @@ fn colour(
         let at = |x: Option<u32>, y: Option<u32>| painters[(y? * chart.cells_size.x + x?) as usize];
         let around = [at(nx, Some(cy)), at(Some(cx), ny), at(nx, ny)];
         if around.iter().all(|painter| *painter == own) {
-            return own.and_then(of).map_or([0.0; 3], |colour| colour.map(|v| v.min(255.0)));
+            return own.map_or([0.0; 3], |k| of(k).map(|v| v.min(255.0)));
         }
         let (wx, wy) = (dx.abs(), dy.abs());
         add(own, (1.0 - wx) * (1.0 - wy));
@@ -187,46 +187,71 @@ fn colour(
 
 /// Gives texels without a colour one of those around: the picture is halved, means over known texels, until all of it is
 /// known; what is not known is then taken from the next coarser one.
-pub fn fill_unknown(picture: &mut RgbImage, known: Vec<bool>) {
+pub fn fill_unknown(picture: &mut RgbImage, known: &[bool]) {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
-    let mut levels = vec![(width, height, picture.pixels().map(|p| p.0.map(f32::from)).collect::<Vec<_>>(), known)];
-    while let Some((width, height, colours, known)) = levels.last().filter(|level| level.3.iter().any(|known| !known)) {
-        if *width == 1 && *height == 1 {
-            break;
+    let is_whole = |known: &[bool]| known.len() <= 1 || known.iter().all(|known| *known);
+    if is_whole(known) {
+        return;
+    }
+    let pixels = picture.as_raw().as_chunks::<3>().0;
+    let mut coarser = vec![Coarse::of((width, height), known, |at| pixels[at].map(f32::from))];
+    while let Some(last) = coarser.last().filter(|last| !is_whole(&last.known)) {
+        let height = last.known.len() / last.width;
+        coarser.push(Coarse::of((last.width, height), &last.known, |at| last.colours[at]));
+    }
+    for i in (1..coarser.len()).rev() {
+        let (finer, coarse) = coarser.split_at_mut(i);
+        let Coarse { width, colours, known } = &mut finer[i - 1];
+        for at in (0..known.len()).filter(|&at| !known[at]) {
+            colours[at] = coarse[0].between(at % *width, at / *width);
         }
+    }
+    for at in (0..known.len()).filter(|&at| !known[at]) {
+        let (x, y) = (at % width, at / width);
+        let colour = coarser[0].between(x, y).map(|v| (v + 0.5) as u8);
+        picture.put_pixel(x as u32, y as u32, Rgb(colour));
+    }
+}
+
+/// A picture at half the size of a finer one, whose colours are means over known texels.
+struct Coarse {
+    width: usize,
+    colours: Vec<[f32; 3]>,
+    known: Vec<bool>,
+}
+
+impl Coarse {
+    /// Half of a picture.
+    fn of((width, height): (usize, usize), known: &[bool], colour: impl Fn(usize) -> [f32; 3]) -> Self {
         let (w, h) = (width.div_ceil(2), height.div_ceil(2));
         let mean = |i: usize| {
             let (x, y) = (i % w * 2, i / w * 2);
             let four = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
-            let of = four.into_iter().filter(|(x, y)| x < width && y < height).map(|(x, y)| y * width + x);
+            let of = four.into_iter().filter(|(x, y)| *x < width && *y < height).map(|(x, y)| y * width + x);
             let (n, sum) = of.filter(|at| known[*at]).fold((0.0_f32, [0.0_f32; 3]), |(n, sum), at| {
-                (n + 1.0, std::array::from_fn(|c| sum[c] + colours[at][c]))
+                let colour = colour(at);
+                (n + 1.0, std::array::from_fn(|c| sum[c] + colour[c]))
             });
             (sum.map(|v| v / n.max(1.0)), n > 0.0)
         };
         let (colours, known) = (0..w * h).map(mean).unzip();
-        levels.push((w, h, colours, known));
+        Self { width: w, colours, known }
     }
-    for i in (0..levels.len().saturating_sub(1)).rev() {
-        let (finer, coarser) = levels.split_at_mut(i + 1);
-        let ((w, _, colours, known), (coarse_w, coarse_h, coarse, _)) = (&mut finer[i], &coarser[0]);
-        for at in (0..colours.len()).filter(|&at| !known[at]) {
-            // Bilinear, so that no squares are seen.
-            let (x, y) = ((at % *w) as f32 / 2.0 - 0.25, (at / *w) as f32 / 2.0 - 0.25);
-            let (x, y) = (x.clamp(0.0, *coarse_w as f32 - 1.0), y.clamp(0.0, *coarse_h as f32 - 1.0));
-            let (col, row) = (x as usize, y as usize);
-            let (right, below) = ((col + 1).min(coarse_w - 1), (row + 1).min(coarse_h - 1));
-            let (fx, fy) = (x.fract(), y.fract());
-            let of = |col: usize, row: usize, c: usize| coarse[row * coarse_w + col][c];
-            colours[at] = std::array::from_fn(|c| {
-                let (a, b) = (of(col, row, c), of(col, below, c));
-                let (a, b) = (a + (of(right, row, c) - a) * fx, b + (of(right, below, c) - b) * fx);
-                a + (b - a) * fy
-            });
-        }
-    }
-    for (pixel, colour) in picture.pixels_mut().zip(&levels[0].2) {
-        *pixel = Rgb(colour.map(|v| (v + 0.5) as u8));
+
+    /// Colour at a texel of the finer picture; bilinear, so that no squares are seen.
+    fn between(&self, x: usize, y: usize) -> [f32; 3] {
+        let height = self.colours.len() / self.width;
+        let (x, y) = (x as f32 / 2.0 - 0.25, y as f32 / 2.0 - 0.25);
+        let (x, y) = (x.clamp(0.0, self.width as f32 - 1.0), y.clamp(0.0, height as f32 - 1.0));
+        let (col, row) = (x as usize, y as usize);
+        let (right, below) = ((col + 1).min(self.width - 1), (row + 1).min(height - 1));
+        let (fx, fy) = (x.fract(), y.fract());
+        let of = |col: usize, row: usize, c: usize| self.colours[row * self.width + col][c];
+        std::array::from_fn(|c| {
+            let (a, b) = (of(col, row, c), of(col, below, c));
+            let (a, b) = (a + (of(right, row, c) - a) * fx, b + (of(right, below, c) - b) * fx);
+            a + (b - a) * fy
+        })
     }
 }
 

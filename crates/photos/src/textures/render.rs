@@ -34,11 +34,14 @@ impl<'a> TexturedTown<'a> {
     /// A town and its textures, as they are read back from their JPEG.
     ///
     /// # Errors
-    /// The decoder's words for a page that is no JPEG.
+    /// A reason: a page that does not come back from its file, or is no JPEG.
     pub fn new(scene: &'a SurfaceScene, textures: &'a Textures) -> Result<Self, String> {
-        let read = |page: &super::Page| image::load_from_memory(&page.jpeg).map(image::DynamicImage::into_rgb8);
-        let pages: Result<Vec<RgbImage>, _> = textures.pages.par_iter().map(read).collect();
-        Ok(Self { scene, textures, pages: pages.map_err(|e| e.to_string())? })
+        let read = |page: usize| {
+            let jpeg = textures.jpeg(page).map_err(|e| e.to_string())?;
+            image::load_from_memory(&jpeg).map(image::DynamicImage::into_rgb8).map_err(|e| e.to_string())
+        };
+        let pages: Result<Vec<RgbImage>, String> = (0..textures.pages.len()).into_par_iter().map(read).collect();
+        Ok(Self { scene, textures, pages: pages? })
     }
 
     /// Renders the buildings, four rays a pixel; where rays miss, `background` shows (its size is the camera's).

@@ -6,9 +6,8 @@ use glam::{DVec2, DVec3, Vec2};
 
 use super::chart::{self, Chart};
 use super::scene::SurfaceScene;
-use super::shelf::{Shelf, Shelved};
 use super::{Choice, SurfaceKind, median_or};
-use sizeup_geo::files::FileError;
+use sizeup_geo::files::{FileError, Stored, UnnamedFile};
 use sizeup_heights::frames::LocalOrigin;
 use sizeup_heights::render::PlacedCamera;
 use sizeup_survey::View;
@@ -57,8 +56,8 @@ pub(super) struct Candidate {
     pub pixels_per_texel: f64,
     /// One per cell.
     pub shown: Vec<Shown>,
-    /// Colours on the chart; filled when the photo is decoded.
-    pub colours: Option<Colours>,
+    /// Colours on the chart, in the file of colours; filled when the photo is decoded.
+    pub stored: Option<StoredColours>,
 }
 
 impl Candidate {
@@ -73,29 +72,58 @@ impl Candidate {
         (share * of) as f32
     }
 
-    /// Mean colour of a cell, with the photo's gain; `None` before the photo is decoded.
-    pub fn mean(&self, cell: usize, gains: &[f32]) -> Option<[f32; 3]> {
-        let gain = gains[self.view];
-        Some(self.colours.as_ref()?.means[cell].map(|v| v * gain))
+    /// Position among the texels of the first one of each cell, and the end; equal ones for a cell without colours.
+    pub fn first_texels(&self, chart: &Chart) -> Vec<u32> {
+        // Colours run half a cell into those beside it, corners too.
+        let is_shown = |at: usize| self.shown[at] != Shown::Hidden;
+        let is_wanted = |cell: usize| {
+            is_shown(cell) || chart.beside(cell).any(|near| is_shown(near) || chart.beside(near).any(is_shown))
+        };
+        let n_texels = |cell: usize| {
+            if chart.cells[cell].n_texels > 0 && is_wanted(cell) { chart.n_texels_of(cell as u32) } else { 0 }
+        };
+        let end = |end: &mut u32, cell: usize| {
+            *end += n_texels(cell);
+            Some(*end)
+        };
+        std::iter::once(0).chain((0..chart.cells.len()).scan(0, end)).collect()
+    }
+
+    /// Reads back the mean over the texels of each cell that are on the surface; black in a cell without colours.
+    pub fn means(&self, file: &UnnamedFile) -> Result<Vec<[f32; 3]>, FileError> {
+        let Some(StoredColours { means, .. }) = self.stored else { return Ok(vec![[0.0; 3]; self.shown.len()]) };
+        let values: Vec<f32> = file.get(means)?.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+        Ok(values.as_chunks().0.to_vec())
+    }
+
+    /// Reads back the colours on the chart.
+    pub fn colours(&self, chart: &Chart, file: &UnnamedFile) -> Result<Colours, FileError> {
+        let texels = self.stored.map_or_else(|| Ok(Vec::new()), |stored| file.get(stored.texels))?;
+        Ok(Colours { means: self.means(file)?, texels, first: self.first_texels(chart) })
     }
 }
 
-/// Colours of a photo on a chart; cells that are not painted have none.
+/// Colours of a photo on a chart.
 #[derive(Debug)]
 pub(super) struct Colours {
-    /// Mean over the texels of each cell that are on the surface; black in a cell without colours.
+    /// As [`Candidate::means`].
     pub means: Vec<[f32; 3]>,
-    /// Texels of the cells that have colours, cell by cell and row by row; empty while the file has them.
-    texels: Vec<[u8; 3]>,
-    /// Their place in the file.
-    shelved: Shelved,
-    /// Position among the texels of the first one of each cell, and the end; equal ones for a cell without colours.
+    /// Red, green and blue of the texels of the cells that have colours, cell by cell and row by row.
+    texels: Vec<u8>,
+    /// As [`Candidate::first_texels`].
     first: Vec<u32>,
 }
 
-impl Colours {
-    /// Puts the texels into the file; `first` as in the type.
-    pub fn shelve(shelf: &Shelf<'_>, chart: &Chart, first: Vec<u32>, texels: &[[u8; 3]]) -> Result<Self, FileError> {
+/// Place of the colours of a photo on a chart in the file of colours: those of all photos together are most of what a textured town holds.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct StoredColours {
+    means: Stored,
+    texels: Stored,
+}
+
+impl StoredColours {
+    /// Puts texels into the file, and their means; `first` as in [`Candidate::first_texels`].
+    pub fn put(file: &UnnamedFile, chart: &Chart, first: &[u32], texels: &[[u8; 3]]) -> Result<Self, FileError> {
         let mean = |(range, cell): (&[u32], &chart::Cell)| {
             // Those beside the surface are black.
             let of_cell = &texels[range[0] as usize..range[1] as usize];
@@ -103,16 +131,13 @@ impl Colours {
                 of_cell.iter().fold([0_u32; 3], |sum, texel| std::array::from_fn(|c| sum[c] + u32::from(texel[c])));
             sum.map(|v| v as f32 / cell.n_texels.max(1) as f32)
         };
-        let means = first.windows(2).zip(&chart.cells).map(mean).collect();
-        Ok(Self { means, texels: Vec::new(), shelved: shelf.put(texels)?, first })
+        let means = first.windows(2).zip(&chart.cells).flat_map(mean);
+        let means: Vec<u8> = means.flat_map(f32::to_le_bytes).collect();
+        Ok(Self { means: file.put(&means)?, texels: file.put(texels.as_flattened())? })
     }
+}
 
-    /// Takes the texels out of the file.
-    pub fn unshelve(&mut self, shelf: &Shelf<'_>) -> Result<(), FileError> {
-        self.texels = shelf.get(self.shelved)?;
-        Ok(())
-    }
-
+impl Colours {
     /// Returns the colour of a texel, black in a cell without colours.
     pub fn at(&self, chart: &Chart, (x, y): (u32, u32)) -> [u8; 3] {
         let n = chart.cell_px;
@@ -121,7 +146,7 @@ impl Colours {
         let (first, end) = (self.first[cell], self.first[cell + 1]);
         let n_columns = n.min(chart.size.x - cx * n);
         let texel = first + (y - cy * n) * n_columns + (x - cx * n);
-        if first == end { [0; 3] } else { self.texels[texel as usize] }
+        if first == end { [0; 3] } else { self.texels.as_chunks().0[texel as usize] }
     }
 }
 
@@ -176,7 +201,7 @@ pub(super) fn candidates(
         let pixels: Vec<f64> = qualities.iter().filter_map(|of| Some(of[view]?.pixels_per_texel)).collect();
         let pixels_per_texel = median_or(&pixels, 1.0);
         let mut candidate =
-            Candidate { view: views[view].view, worth: 0.0, place_worth, pixels_per_texel, shown, colours: None };
+            Candidate { view: views[view].view, worth: 0.0, place_worth, pixels_per_texel, shown, stored: None };
         let area_m2 = |cell: usize| f64::from(chart.cells[cell].n_texels) * f64::from(chart.texel_m).powi(2);
         let worth = |cell: usize| f64::from(candidate.cell_worth(chart, cell)) * area_m2(cell);
         candidate.worth = (0..chart.cells.len()).map(worth).sum();

@@ -7,9 +7,8 @@ use rayon::prelude::*;
 use super::TextureTask;
 use super::chart::Chart;
 use super::scene::SurfaceScene;
-use super::shelf::Shelf;
-use super::views::{Candidate, Colours, Shown};
-use sizeup_geo::files::FileError;
+use super::views::{Candidate, Shown, StoredColours};
+use sizeup_geo::files::{FileError, UnnamedFile};
 use sizeup_geo::issue::{Issue, Severity, Subject};
 use sizeup_heights::render::PlacedCamera;
 
@@ -98,9 +97,9 @@ fn half(picture: &RgbImage) -> Option<RgbImage> {
 }
 
 /// Colours of a photo on its surfaces, or why it cannot be read.
-type OfPhoto = Result<Vec<Colours>, String>;
+type OfPhoto = Result<Vec<StoredColours>, String>;
 
-/// Lays the colours of all photos into the candidates; those of photos that cannot be read are taken out. Returns what is to
+/// Lays the colours of all photos into the file, for the candidates; those of photos that cannot be read are taken out. Returns what is to
 /// be told of such photos, in the survey's order.
 ///
 /// # Errors
@@ -110,7 +109,7 @@ pub(super) fn fill(
     scene: &SurfaceScene,
     charts: &[Option<Chart>],
     candidates: &mut [Vec<Candidate>],
-    shelf: &Shelf<'_>,
+    file: &UnnamedFile,
 ) -> Result<Vec<Issue>, FileError> {
     let mut of_view: Vec<Vec<(usize, usize)>> = vec![Vec::new(); task.views.len()];
     for (surface, of_surface) in candidates.iter().enumerate() {
@@ -123,7 +122,7 @@ pub(super) fn fill(
         .filter(|&view| !of_view[view].is_empty())
         .map(|view| match (task.decode)(&task.views[view]) {
             Ok(photo) => {
-                Ok((view, Ok(colours(task, scene, charts, candidates, (view, photo), (&of_view[view], shelf))?)))
+                Ok((view, Ok(colours(task, scene, charts, candidates, (view, photo), (&of_view[view], file))?)))
             }
             Err(reason) => Ok((view, Err(reason))),
         })
@@ -133,7 +132,7 @@ pub(super) fn fill(
         match colours {
             Ok(colours) => {
                 for (&(surface, k), colours) in of_view[view].iter().zip(colours) {
-                    candidates[surface][k].colours = Some(colours);
+                    candidates[surface][k].stored = Some(colours);
                 }
             }
             Err(reason) => {
@@ -150,7 +149,7 @@ pub(super) fn fill(
             }
         }
     }
-    candidates.iter_mut().for_each(|of_surface| of_surface.retain(|candidate| candidate.colours.is_some()));
+    candidates.iter_mut().for_each(|of_surface| of_surface.retain(|candidate| candidate.stored.is_some()));
     Ok(issues)
 }
 
@@ -160,8 +159,8 @@ fn colours(
     charts: &[Option<Chart>],
     candidates: &[Vec<Candidate>],
     (view, photo): (usize, RgbImage),
-    (places, shelf): (&[(usize, usize)], &Shelf<'_>),
-) -> Result<Vec<Colours>, FileError> {
+    (places, file): (&[(usize, usize)], &UnnamedFile),
+) -> Result<Vec<StoredColours>, FileError> {
     let of = &task.views[view];
     let level_of = |(surface, k): (usize, usize)| candidates[surface][k].pixels_per_texel.max(1.0).log2() as usize;
     let n_levels = places.iter().map(|place| level_of(*place) + 1).max().unwrap_or(1);
@@ -171,21 +170,9 @@ fn colours(
     let of_place = |&(surface, k): &(usize, usize)| {
         let chart = charts[surface].as_ref()?;
         let (facet, level) = (&scene.facets[surface], level_of((surface, k)));
-        let shown = &candidates[surface][k].shown;
-        // Colours run half a cell into those beside it, corners too.
-        let is_wanted = |cell: usize| {
-            let is_shown = |at: usize| shown[at] != Shown::Hidden;
-            is_shown(cell) || chart.beside(cell).any(|near| is_shown(near) || chart.beside(near).any(is_shown))
-        };
         let seen = |x: u32, y: u32| camera.project(facet.point(chart.place(x, y)).as_dvec3());
-        let has_colours = |cell: usize| chart.cells[cell].n_texels > 0 && is_wanted(cell);
-        let mut first = vec![0];
-        let mut n_texels = 0;
-        for cell in 0..chart.cells.len() {
-            n_texels += if has_colours(cell) { chart.n_texels_of(cell as u32) } else { 0 };
-            first.push(n_texels);
-        }
-        let mut texels = Vec::with_capacity(n_texels as usize);
+        let first = candidates[surface][k].first_texels(chart);
+        let mut texels = Vec::with_capacity(first[chart.cells.len()] as usize);
         for cell in (0..chart.cells.len()).filter(|cell| first[*cell] < first[cell + 1]) {
             let image = CellImage::of(chart.corners_of(cell as u32), &seen);
             for (x, y) in chart.texels_of(cell as u32) {
@@ -195,7 +182,7 @@ fn colours(
                 texels.push(colour);
             }
         }
-        Some(Colours::shelve(shelf, chart, first, &texels))
+        Some(StoredColours::put(file, chart, &first, &texels))
     };
     places.par_iter().filter_map(of_place).collect()
 }

@@ -14,8 +14,7 @@
 mod sections;
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{BufRead as _, BufReader, BufWriter, Read as _, Seek as _, Write};
+use std::io::{self, BufRead as _, BufReader, BufWriter, Read as _, Write};
 use std::path::Path;
 
 use fcb_core::attribute::AttributeSchema;
@@ -25,7 +24,7 @@ use serde_json::Value;
 use super::cityjson::{self, CityJsonConfig};
 use super::{CityModel, OutputError, Overview, Records};
 use sections::Sections;
-use sizeup_geo::files::{FileError, write_whole_or};
+use sizeup_geo::files::{FileError, UnnamedFile, write_whole};
 
 /// Features in memory at a time.
 const PORTION: usize = 1000;
@@ -39,28 +38,27 @@ pub fn write<R: Records + ?Sized>(
     model: &CityModel<'_, R>,
     config: &CityJsonConfig,
 ) -> Result<Overview, OutputError> {
-    let failed =
-        |because: String| OutputError::from(FileError::on("cannot write", path)(std::io::Error::other(because)));
     let overview = Overview::of(model.records)?;
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let unnamed = || tempfile::tempfile_in(folder).map_err(|e| failed(e.to_string()));
-    let mut lines = BufWriter::with_capacity(1 << 20, unnamed()?);
-    cityjson::write_lines(&mut lines, model, config, &overview, |e| failed(e.to_string()))?;
-    let lines = lines.into_inner().map_err(|e| e.to_string()).and_then(SequenceLines::new).map_err(&failed)?;
-    let features = unnamed()?;
-    write_whole_or(path, |out| convert(&lines, features, out).map_err(failed))?;
+    let (lines, features) = (UnnamedFile::new(folder)?, UnnamedFile::new(folder)?);
+    let failed = |e| OutputError::from(FileError::on("cannot write", path)(e));
+    let mut out = BufWriter::with_capacity(1 << 20, &lines);
+    cityjson::write_lines(&mut out, model, config, &overview, failed)?;
+    out.flush().map_err(failed)?;
+    drop(out);
+    write_whole(path, |out| convert(&SequenceLines::new(lines)?, features, out))?;
     Ok(overview)
 }
 
-/// Writes the file of some lines; `spool` takes the features until all are known.
-fn convert(lines: &SequenceLines, spool: File, out: &mut dyn Write) -> Result<(), String> {
+/// Writes the file of some lines; the other file takes the features until all are known.
+fn convert(lines: &SequenceLines, features: UnnamedFile, out: &mut dyn Write) -> io::Result<()> {
     let mut types = BTreeMap::new();
     lines.visit(|portion| {
         let objects = portion.features.iter().flat_map(|feature| feature.city_objects.values());
         add_types(&mut types, objects.filter_map(|object| object.attributes.as_ref()));
         Ok(())
     })?;
-    let mut sections = Sections::new(columns(types), spool);
+    let mut sections = Sections::new(columns(types), features);
     lines.visit(|portion| sections.add(portion))?;
     let stand_in = lines.portion(&sections.stand_in())?;
     sections.write(stand_in, out)
@@ -68,38 +66,35 @@ fn convert(lines: &SequenceLines, spool: File, out: &mut dyn Write) -> Result<()
 
 /// The lines of a `CityJSONSeq` on disk.
 struct SequenceLines {
-    file: File,
+    file: UnnamedFile,
     /// The first of them, which has all but the features.
     head: String,
 }
 
 impl SequenceLines {
-    fn new(mut file: File) -> Result<Self, String> {
+    fn new(file: UnnamedFile) -> io::Result<Self> {
         let mut head = String::new();
-        file.rewind().and_then(|()| BufReader::new(&file).read_line(&mut head)).map_err(|e| e.to_string())?;
+        BufReader::new(file.reader()).read_line(&mut head)?;
         Ok(Self { file, head })
     }
 
     /// All features in their order, a portion after the other.
-    fn visit(&self, mut each: impl FnMut(&CityJSONSeq) -> Result<(), String>) -> Result<(), String> {
-        let mut file = &self.file;
-        file.rewind().map_err(|e| e.to_string())?;
-        let mut lines = BufReader::new(file).lines().skip(1).peekable();
+    fn visit(&self, mut each: impl FnMut(&CityJSONSeq) -> io::Result<()>) -> io::Result<()> {
+        let mut lines = BufReader::with_capacity(1 << 20, self.file.reader()).lines().skip(1).peekable();
         while lines.peek().is_some() {
-            let portion: Vec<String> =
-                lines.by_ref().take(PORTION).collect::<Result<_, _>>().map_err(|e| e.to_string())?;
+            let portion: Vec<String> = lines.by_ref().take(PORTION).collect::<io::Result<_>>()?;
             each(&self.portion(&portion.join("\n"))?)?;
         }
         Ok(())
     }
 
     /// The features of some lines.
-    fn portion(&self, lines: &str) -> Result<CityJSONSeq, String> {
+    fn portion(&self, lines: &str) -> io::Result<CityJSONSeq> {
         let text = BufReader::new(self.head.as_bytes().chain(lines.as_bytes()));
         match read_cityjson_from_reader(text, CJTypeKind::Seq) {
             Ok(CJType::Seq(portion)) => Ok(portion),
-            Ok(_) => Err("CityJSONSeq is read as something else".to_owned()),
-            Err(e) => Err(e.to_string()),
+            Ok(_) => Err(io::Error::other("CityJSONSeq is read as something else")),
+            Err(e) => Err(io::Error::other(e)),
         }
     }
 }
@@ -179,17 +174,21 @@ mod tests {
             }
             json!({ "type": "CityJSONFeature", "id": format!("b{i}"), "CityObjects": objects, "vertices": vertices })
         };
-        let mut file = tempfile::tempfile().unwrap();
-        writeln!(file, "{head}").unwrap();
-        (0..n).for_each(|i| writeln!(file, "{}", feature(i)).unwrap());
+        let file = unnamed();
+        writeln!(&file, "{head}").unwrap();
+        (0..n).for_each(|i| writeln!(&file, "{}", feature(i)).unwrap());
         SequenceLines::new(file).unwrap()
+    }
+
+    /// A file that leaves nothing, in the system's folder for such files.
+    fn unnamed() -> UnnamedFile {
+        UnnamedFile::new(&std::env::temp_dir()).unwrap()
     }
 
     /// A sequence written by the crate's own writer, with all of it in memory.
     fn by_the_crate(lines: &SequenceLines) -> Vec<u8> {
-        let mut file = &lines.file;
-        file.rewind().unwrap();
-        let Ok(CJType::Seq(city)) = read_cityjson_from_reader(BufReader::new(file), CJTypeKind::Seq) else { panic!() };
+        let text = BufReader::new(lines.file.reader());
+        let Ok(CJType::Seq(city)) = read_cityjson_from_reader(text, CJTypeKind::Seq) else { panic!() };
         let mut types = BTreeMap::new();
         let objects = city.features.iter().flat_map(|feature| feature.city_objects.values());
         add_types(&mut types, objects.filter_map(|object| object.attributes.as_ref()));
@@ -212,7 +211,7 @@ mod tests {
         for n in [1, 2, 40, 2 * PORTION + 37] {
             let lines = sequence(n);
             let mut bytes = Vec::new();
-            convert(&lines, tempfile::tempfile().unwrap(), &mut bytes).unwrap();
+            convert(&lines, unnamed(), &mut bytes).unwrap();
             let expected = by_the_crate(&lines);
             let first = bytes.iter().zip(&expected).position(|(a, b)| a != b);
             assert!(bytes == expected, "{n} features: {} bytes, not {}, from {first:?}", bytes.len(), expected.len());

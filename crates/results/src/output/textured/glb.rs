@@ -4,6 +4,7 @@
 //! `extras` of the root node. Materials are unlit (`KHR_materials_unlit`): the photos have the light of the day in them.
 
 use std::cmp::Ordering;
+use std::io::{self, Write};
 
 use glam::{DVec3, Vec2};
 use serde_json::{Value, json};
@@ -12,11 +13,11 @@ use super::super::attributes;
 use super::super::facts::SolidFacts;
 use super::super::palette::Palette;
 use super::super::prism::{FaceKind, MIN_THICKNESS_M};
-use super::super::tiles3d::glb::{Buffers, container};
+use super::super::tiles3d::glb::{Buffers, write_container};
 use super::super::triangles;
 use super::super::{BuildingRecord, CityModel};
 use super::ground::GroundMesh;
-use super::{CitySurfaces, SolidBuilding, TexturedGround, UNSEEN};
+use super::{CitySurfaces, PaintedCity, SolidBuilding, TexturedGround, UNSEEN};
 use sizeup_geo::triangles::area_vector;
 use sizeup_photos::textures::Textures;
 
@@ -46,13 +47,13 @@ struct File {
     palette: Palette,
 }
 
-/// The file of a city.
-pub(super) fn glb(
+/// Writes the file of a city; one picture is in memory at a time, and that of the ground.
+pub(super) fn write(
+    out: &mut dyn Write,
     model: &CityModel<'_>,
-    city: &CitySurfaces,
-    textures: &Textures,
-    ground: Option<&TexturedGround>,
-) -> Vec<u8> {
+    &PaintedCity { city, textures, ground }: &PaintedCity<'_>,
+    ground_jpeg: Option<Vec<u8>>,
+) -> io::Result<()> {
     let plain = textures.surfaces.iter().filter(|texture| texture.page.is_none()).map(|texture| texture.plain);
     let mut file = File { palette: Palette::of(plain.chain([UNSEEN])), ..File::default() };
     for building in &city.buildings {
@@ -77,10 +78,12 @@ pub(super) fn glb(
         file.nodes[0]["children"].take();
         file.nodes[0].as_object_mut().map(|node| node.remove("children"));
     }
-    let mut picture = |bytes: &[u8], kind: &str| json!({ "bufferView": file.buffers.view(bytes), "mimeType": kind });
-    let mut images: Vec<Value> = textures.pages.iter().map(|page| picture(&page.jpeg, "image/jpeg")).collect();
-    images.push(picture(&file.palette.png(), "image/png"));
-    images.extend(ground.map(|ground| picture(&ground.jpeg(), "image/jpeg")));
+    let plain_png = file.palette.png();
+    let mut picture =
+        |n_bytes: usize, kind: &str| json!({ "bufferView": file.buffers.later(n_bytes), "mimeType": kind });
+    let mut images: Vec<Value> = textures.pages.iter().map(|page| picture(page.n_bytes(), "image/jpeg")).collect();
+    images.push(picture(plain_png.len(), "image/png"));
+    images.extend(ground_jpeg.as_ref().map(|jpeg| picture(jpeg.len(), "image/jpeg")));
     let n_images = images.len();
     let material = |image: usize| {
         let name = match image.cmp(&n_pages) {
@@ -119,12 +122,11 @@ pub(super) fn glb(
     };
     add("meshes", file.meshes);
     add("accessors", file.accessors);
-    let (bytes, views) = file.buffers.into_parts();
-    if !bytes.is_empty() {
-        json["buffers"] = json!([{ "byteLength": bytes.len() }]);
-        json["bufferViews"] = Value::Array(views);
-    }
-    container(&json, bytes)
+    let [views, whole] = file.buffers.take_members();
+    json["buffers"] = whole;
+    json["bufferViews"] = views;
+    let pages = (0..n_pages).map(|page| textures.jpeg(page).map_err(io::Error::other));
+    write_container(out, &json, &file.buffers, pages.chain([Ok(plain_png)]).chain(ground_jpeg.map(Ok)))
 }
 
 impl File {

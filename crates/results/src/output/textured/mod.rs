@@ -164,17 +164,18 @@ pub fn write(
     folder::write_whole(folder, CITY, |new| {
         let pictures = new.join(PICTURES);
         fs::create_dir_all(&pictures).map_err(FileError::on("cannot write", &pictures))?;
-        for (i, page) in textures.pages.iter().enumerate() {
-            write_whole_unflushed(&new.join(picture_name(i)), |out| out.write_all(&page.jpeg))?;
+        for page in 0..textures.pages.len() {
+            let jpeg = textures.jpeg(page)?;
+            write_whole_unflushed(&new.join(picture_name(page)), |out| out.write_all(&jpeg))?;
         }
         let painting = Painting::new(model.records, city, textures);
         cityjson::write_painted(&new.join(CITY), model, config, &painting)?;
-        let bytes = glb::glb(model, city, textures, ground);
-        write_whole_unflushed(&new.join(GLB), |out| out.write_all(&bytes))?;
-        if let Some(ground) = ground {
-            write_whole_unflushed(&new.join(GROUND_PICTURE), |out| out.write_all(&ground.jpeg()))?;
+        let ground_jpeg = ground.map(TexturedGround::jpeg);
+        if let (Some(ground), Some(jpeg)) = (ground, &ground_jpeg) {
+            write_whole_unflushed(&new.join(GROUND_PICTURE), |out| out.write_all(jpeg))?;
             write_json(&new.join(GROUND), ground)?;
         }
+        write_whole_unflushed(&new.join(GLB), |out| glb::write(out, model, painted, ground_jpeg))?;
         Ok(write_json(&new.join(SUMMARY), summary)?)
     })
 }

@@ -10,6 +10,7 @@
 //! (`KHR_mesh_quantization`): half the size, and an error of at most half a step, 4 mm in a tile of 500 m.
 
 use std::collections::BTreeMap;
+use std::io::{self, Write};
 
 use glam::DVec3;
 use schemars::JsonSchema;
@@ -46,15 +47,26 @@ pub enum Precision {
 #[derive(Debug, Default)]
 pub struct Buffers {
     bytes: Vec<u8>,
+    /// Length of the chunk: those bytes, and later ones.
+    n_bytes: usize,
     views: Vec<Value>,
 }
 
 impl Buffers {
     /// Adds bytes as a view of their own; its index.
     pub fn view(&mut self, bytes: &[u8]) -> usize {
-        self.bytes.resize(self.bytes.len().next_multiple_of(ALIGNMENT), 0);
-        self.views.push(json!({ "buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len() }));
+        debug_assert_eq!(self.bytes.len(), self.n_bytes, "no bytes of its own follow later ones");
+        let view = self.later(bytes.len());
+        self.bytes.resize(self.n_bytes - bytes.len(), 0);
         self.bytes.extend_from_slice(bytes);
+        view
+    }
+
+    /// Adds a view of bytes that [`write_container`] gets; its index.
+    pub fn later(&mut self, n_bytes: usize) -> usize {
+        let first_byte = self.n_bytes.next_multiple_of(ALIGNMENT);
+        self.n_bytes = first_byte + n_bytes;
+        self.views.push(json!({ "buffer": 0, "byteOffset": first_byte, "byteLength": n_bytes }));
         self.views.len() - 1
     }
 
@@ -63,10 +75,9 @@ impl Buffers {
         self.views[view]["target"] = target.into();
     }
 
-    /// The binary chunk, and the list of its views.
-    #[must_use]
-    pub fn into_parts(self) -> (Vec<u8>, Vec<Value>) {
-        (self.bytes, self.views)
+    /// Takes the members `bufferViews` and `buffers` of the file's JSON.
+    pub fn take_members(&mut self) -> [Value; 2] {
+        [Value::Array(std::mem::take(&mut self.views)), json!([{ "byteLength": self.n_bytes }])]
     }
 
     fn vertices(&mut self, bytes: &[u8], stride: usize) -> usize {
@@ -94,6 +105,9 @@ pub struct GlbTile<'a> {
 }
 
 /// The file of a tile.
+///
+/// # Panics
+/// Never: memory takes every byte.
 #[must_use]
 pub fn glb(tile: &GlbTile<'_>, precision: Precision) -> Vec<u8> {
     let mut parts = GlbParts::default();
@@ -144,9 +158,10 @@ pub fn glb(tile: &GlbTile<'_>, precision: Precision) -> Vec<u8> {
         json["extensionsUsed"] = json!(extensions);
     }
     json["accessors"] = Value::Array(parts.accessors);
-    json["bufferViews"] = Value::Array(parts.buffers.views);
-    json["buffers"] = json!([{ "byteLength": parts.buffers.bytes.len() }]);
-    container(&json, parts.buffers.bytes)
+    [json["bufferViews"], json["buffers"]] = parts.buffers.take_members();
+    let mut file = Vec::new();
+    write_container(&mut file, &json, &parts.buffers, []).expect("memory takes every byte");
+    file
 }
 
 /// The binary chunk and the accessors into it.
@@ -271,21 +286,34 @@ fn extremes<T: Copy + PartialOrd>(points: &[[T; 3]]) -> [Vec<T>; 2] {
     [pick(|a, b| a <= b), pick(|a, b| a >= b)]
 }
 
-/// A binary glTF of its two chunks.
-pub fn container(json: &Value, mut buffer: Vec<u8>) -> Vec<u8> {
+/// Writes a binary glTF: its JSON, the bytes of its binary chunk, and the later ones in the order of their views.
+///
+/// # Errors
+/// Those of the writer, and of the later bytes.
+pub fn write_container(
+    out: &mut dyn Write,
+    json: &Value,
+    buffers: &Buffers,
+    later: impl IntoIterator<Item = io::Result<Vec<u8>>>,
+) -> io::Result<()> {
     let mut text = json.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
-    buffer.resize(buffer.len().next_multiple_of(4), 0);
-    let length = 12 + 8 + text.len() + 8 + buffer.len();
-    let mut file = Vec::with_capacity(length);
-    file.extend(b"glTF");
-    for number in [2, length as u32, text.len() as u32] {
-        file.extend(number.to_le_bytes());
+    let n_bytes = buffers.n_bytes.next_multiple_of(4);
+    out.write_all(b"glTF")?;
+    for number in [2, 12 + 8 + text.len() + 8 + n_bytes, text.len()] {
+        out.write_all(&(number as u32).to_le_bytes())?;
     }
-    file.extend(b"JSON");
-    file.extend(&text);
-    file.extend((buffer.len() as u32).to_le_bytes());
-    file.extend(b"BIN\0");
-    file.extend(&buffer);
-    file
+    out.write_all(b"JSON")?;
+    out.write_all(&text)?;
+    out.write_all(&(n_bytes as u32).to_le_bytes())?;
+    out.write_all(b"BIN\0")?;
+    out.write_all(&buffers.bytes)?;
+    let mut end = buffers.bytes.len();
+    for bytes in later {
+        let bytes = bytes?;
+        out.write_all(&[0; ALIGNMENT][..end.next_multiple_of(ALIGNMENT) - end])?;
+        out.write_all(&bytes)?;
+        end = end.next_multiple_of(ALIGNMENT) + bytes.len();
+    }
+    out.write_all(&[0; ALIGNMENT][..n_bytes - end])
 }
