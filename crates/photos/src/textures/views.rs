@@ -106,11 +106,11 @@ impl Candidate {
 /// Colours of a photo on a chart.
 #[derive(Debug)]
 pub(super) struct Colours {
-    /// As [`Candidate::means`].
+    /// Mean colour of each cell, as of [`Candidate::means`].
     pub means: Vec<[f32; 3]>,
     /// Red, green and blue of the texels of the cells that have colours, cell by cell and row by row.
     texels: Vec<u8>,
-    /// As [`Candidate::first_texels`].
+    /// Position of the first texel of each cell, as of [`Candidate::first_texels`].
     first: Vec<u32>,
 }
 

@@ -20,7 +20,7 @@ pub const GROUND: &str = "ground";
 /// Binary glTF of a tile.
 pub struct Content {
     pub bytes: Vec<u8>,
-    /// Its box, in glTF's axes.
+    /// Box of its vertices, in glTF's axes.
     pub bounds: [DVec3; 2],
 }
 
