@@ -246,6 +246,12 @@ impl<'a> Evidence<'a> {
         placed.ray(centre).expect("only pixels that have a ray are sampled")
     }
 
+    /// Whether a ray has a prior and meets the ground.
+    #[must_use]
+    pub(crate) fn is_known(&self, ray: usize) -> bool {
+        self.nearness[ray].is_finite() && self.profiles.rays[ray].ground.is_finite()
+    }
+
     /// The area of the image that so many of the rays stand for, pixels squared.
     #[must_use]
     pub fn area_px(&self, n_rays: usize) -> f64 {
@@ -284,7 +290,7 @@ impl<'a> Evidence<'a> {
         self.around[at].get_or_init(|| self.rays_around(self.rays_of(building), DILATE_PX).into())
     }
 
-    /// Some rays and those within `dilate_px` of one of them, ascending.
+    /// Some rays and those within `dilate_px` of one of them, ascending; of all these only those that have a prior and meet the ground.
     #[must_use]
     pub fn rays_around(&self, own: &[u32], dilate_px: usize) -> Vec<u32> {
         let place_of = |ray: u32| self.blocks.place(&self.profiles.rays[ray as usize]);
@@ -317,7 +323,8 @@ impl<'a> Evidence<'a> {
             }
             let Some(middle) = row.checked_sub(reach) else { continue };
             let blocks = &self.ray_of[(middle + low[1]) * wide + low[0]..][..width];
-            rays.extend(blocks.iter().zip(&n_near).filter(|&(&ray, &n)| n > 0 && ray != NO_RAY).map(|(&ray, _)| ray));
+            let is_near = |&(&ray, &n): &(&u32, &u16)| n > 0 && ray != NO_RAY && self.is_known(ray as usize);
+            rays.extend(blocks.iter().zip(&n_near).filter(is_near).map(|(&ray, _)| ray));
         }
         rays
     }

@@ -22,6 +22,7 @@ use crate::ray::Ray;
 use crate::render::profile::Stops;
 use crate::scene::Prism;
 use crate::score::intervals::{Intervals, PackedInterval, RoofIntersection, Sums};
+use crate::simd::LANES;
 use crate::stats;
 
 /// Fewer rays than this say nothing about three plane terms and a correlation.
@@ -87,7 +88,6 @@ impl Window {
             None => evidence.rays_around_building(building).to_vec(),
             Some(_) => evidence.rays_around(&own_rays, LOCAL_DILATE_PX),
         };
-        rays.retain(|&r| evidence.nearness[r as usize].is_finite() && profiles.rays[r as usize].ground.is_finite());
         let unmodelled = match calibration {
             Some(calibration) if calibration.is_in_metres => unmodelled::leave_out(evidence, &own_rays, &mut rays),
             Some(calibration) => leave_out_unmodelled(evidence, &own_rays, stops, calibration, &mut rays),
@@ -254,36 +254,33 @@ fn leave_out_unmodelled(
 ) -> f32 {
     let mut is_own = within(own);
     let excess_m = |&ray: &u32| excess_m(evidence, stops, calibration, ray as usize);
-    let around: Vec<f64> = rays.iter().filter(|&&r| !is_own(r)).map(excess_m).collect();
+    let around: Vec<f32> = rays.iter().filter(|&&r| !is_own(r)).map(excess_m).collect();
     let Some(limit) = limit_m(around.clone()) else { return 0.0 };
     let n_before = rays.len();
     // The building's own rays are left alone.
     let (mut is_own, mut of_around) = (within(own), around.iter());
-    rays.retain(|&r| is_own(r) || of_around.next().is_some_and(|excess| *excess <= limit));
+    rays.retain(|&r| is_own(r) || of_around.next().is_some_and(|excess| f64::from(*excess) <= limit));
     (n_before - rays.len()) as f32 / around.len() as f32
 }
 
 /// Share of a view's rays beside all footprints that look, by the calibrated prior, at something that the scene does not have.
 pub(crate) fn unmodelled_share(evidence: &Evidence<'_>, stops: &Stops, calibration: Calibration) -> f32 {
     let profiles = evidence.profiles;
-    let is_open = |&ray: &usize| {
-        let has_both = evidence.nearness[ray].is_finite() && profiles.rays[ray].ground.is_finite();
-        has_both && profiles.intervals(ray).is_empty()
-    };
+    let is_open = |&ray: &usize| evidence.is_known(ray) && profiles.intervals(ray).is_empty();
     let open = (0..profiles.rays.len()).filter(is_open);
-    let open: Vec<f64> = open.map(|ray| excess_m(evidence, stops, calibration, ray)).collect();
+    let open: Vec<f32> = open.map(|ray| excess_m(evidence, stops, calibration, ray)).collect();
     let Some(limit) = limit_m(open.clone()) else { return 0.0 };
-    open.iter().filter(|excess| **excess > limit).count() as f32 / open.len() as f32
+    open.iter().filter(|excess| f64::from(**excess) > limit).count() as f32 / open.len() as f32
 }
 
 /// How far above what is rendered the prior lies, metres.
-fn excess_m(evidence: &Evidence<'_>, stops: &Stops, calibration: Calibration, ray: usize) -> f64 {
+fn excess_m(evidence: &Evidence<'_>, stops: &Stops, calibration: Calibration, ray: usize) -> f32 {
     let seen = calibration.inverse_depth(evidence.nearness[ray]).max(f32::MIN_POSITIVE).recip();
-    f64::from((seen - stops.depth(ray)) * evidence.profiles.rays[ray].dz)
+    (seen - stops.depth(ray)) * evidence.profiles.rays[ray].dz
 }
 
 /// Excess from which something is not in the scene, among those of open ground; `None` where these are too few.
-fn limit_m(mut open: Vec<f64>) -> Option<f64> {
+fn limit_m(mut open: Vec<f32>) -> Option<f64> {
     let (level, sigma) = far_side(&mut open)?;
     Some(level + (UNMODELLED_SIGMAS * sigma).max(UNMODELLED_M))
 }
@@ -299,52 +296,65 @@ pub(crate) fn within(ascending: &[u32]) -> impl FnMut(u32) -> bool + '_ {
     }
 }
 
-/// Several sums over the same `n` terms, side by side, each in their order.
+/// Several sums over the same `n` terms, side by side, each in [`WAYS`] parts: a sum in its order waits for itself.
 fn sums<const N: usize>(n: usize, terms: impl Fn(usize) -> [f64; N]) -> [f64; N] {
-    (0..n).fold([0.0; N], |mut sums, i| {
-        sums.iter_mut().zip(terms(i)).for_each(|(sum, term)| *sum += term);
-        sums
-    })
+    const WAYS: usize = 4;
+    let mut parts = [[0.0; WAYS]; N];
+    let mut add = |way: usize, i: usize| parts.iter_mut().zip(terms(i)).for_each(|(part, term)| part[way] += term);
+    let whole = n - n % WAYS;
+    (0..whole).step_by(WAYS).for_each(|first| (0..WAYS).for_each(|way| add(way, first + way)));
+    (whole..n).for_each(|i| add(i - whole, i));
+    parts.map(|part| part.into_iter().sum())
 }
 
 /// Value around which the far side of some residuals gathers, and its standard deviation: what is not modelled is nearer, so only the
-/// near side is heavy. Tukey's biweight from the first third on, with the spread measured below the present value.
-fn far_side(values: &mut [f64]) -> Option<(f64, f64)> {
+/// near side is heavy. Tukey's biweight from the first third on, with the spread measured below the present value. Sorts the values.
+fn far_side(values: &mut [f32]) -> Option<(f64, f64)> {
     const ROUNDS: usize = 8;
-    const CUT_OFF: [f64; 2] = [3.0; 2];
+    const CUT_OFF: f64 = 3.0;
     if values.len() < MIN_RAYS {
         return None;
     }
-    values.sort_unstable_by(f64::total_cmp);
+    values.sort_unstable_by(f32::total_cmp);
     let mut level = stats::quantile_of_sorted(values, 1.0 / 3.0)?;
     let mut sigma = 0.0;
     for _ in 0..ROUNDS {
-        let below = &values[..values.partition_point(|v| *v <= level)];
+        let below = &values[..values.partition_point(|v| f64::from(*v) <= level)];
         sigma = stats::SIGMA_PER_MAD * (level - stats::quantile_of_sorted(below, 0.5)?);
         if sigma <= 0.0 {
             break;
         }
-        let (mut sum, mut weights) = (0.0, 0.0);
-        for value in values.iter() {
-            let weight = stats::biweight(value - level, sigma, CUT_OFF);
-            sum += weight * value;
-            weights += weight;
-        }
-        level = sum / weights;
+        let reach = CUT_OFF * sigma;
+        let first = values.partition_point(|v| f64::from(*v) < level - reach);
+        let end = values.partition_point(|v| f64::from(*v) <= level + reach);
+        level += reach * weighted_mean(&values[first..end], level as f32, reach as f32);
     }
     Some((level, sigma))
 }
 
-/// Image positions of rays along an axis, centred and scaled to about ±1 so that the Gram matrix is well conditioned.
+/// Mean of `(value − middle) / reach` with the weights of Tukey's biweight, of values within the reach.
+fn weighted_mean(values: &[f32], middle: f32, reach: f32) -> f64 {
+    let (mut sums, mut weights) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+    let mut add = |lane: usize, value: f32| {
+        let off = (value - middle) / reach;
+        let weight = (1.0 - off * off).max(0.0).powi(2);
+        sums[lane] += weight * off;
+        weights[lane] += weight;
+    };
+    let (blocks, rest) = values.as_chunks::<LANES>();
+    blocks.iter().for_each(|block| (0..LANES).for_each(|lane| add(lane, block[lane])));
+    rest.iter().enumerate().for_each(|(lane, &value)| add(lane, value));
+    let [sum, weight] = [sums, weights].map(|of_lanes| of_lanes.into_iter().map(f64::from).sum::<f64>());
+    sum / weight
+}
+
+/// Image positions of rays along an axis, −1 to 1 over the window so that the Gram matrix is well conditioned.
 fn centred_positions(evidence: &Evidence<'_>, rays: &[u32], axis: usize) -> Vec<f32> {
-    let mut values: Vec<f32> =
-        rays.iter().map(|&r| f32::from(evidence.profiles.rays[r as usize].pixel[axis])).collect();
-    let mean = values.iter().sum::<f32>() / values.len() as f32;
-    let extent = values.iter().fold(1.0_f32, |e, v| e.max((v - mean).abs()));
-    for value in &mut values {
-        *value = (*value - mean) / extent;
-    }
-    values
+    let pixel = |ray: &u32| evidence.profiles.rays[*ray as usize].pixel[axis];
+    let ends = |[low, high]: [u16; 2], ray: &u32| [low.min(pixel(ray)), high.max(pixel(ray))];
+    let [low, high] = rays.iter().fold([u16::MAX, 0], ends).map(f32::from);
+    let (middle, half) = (0.5 * (low + high), (0.5 * (high - low)).max(1.0));
+    rays.iter().map(|ray| (f32::from(pixel(ray)) - middle) / half).collect()
 }
 
 /// Residuals that `[1, x, y]` does not explain of some values.
@@ -362,15 +372,12 @@ impl PlaneResiduals {
         let (x, y) = (&x[..n], &y[..n]);
         let [sum] = sums(n, |i| [f64::from(values[i])]);
         let mean = sum / n as f64;
-        let [squares] = sums(n, |i| [(f64::from(values[i]) - mean).powi(2)]);
-        let scale = squares.sqrt();
-        let mut centred: Vec<f64> = values.iter().map(|&v| (f64::from(v) - mean) / scale).collect();
-        let c = &centred[..n];
-        let [sx, sy, xx, xy, yy, c_sum, cx, cy] = sums(n, |i| {
-            let (x, y) = (f64::from(x[i]), f64::from(y[i]));
-            [x, y, x * x, x * y, y * y, c[i], c[i] * x, c[i] * y]
+        let centred = |i: usize| f64::from(values[i]) - mean;
+        let [sx, sy, xx, xy, yy, c_sum, cx, cy, squares] = sums(n, |i| {
+            let (x, y, c) = (f64::from(x[i]), f64::from(y[i]), centred(i));
+            [x, y, x * x, x * y, y * y, c, c * x, c * y, c * c]
         });
-        let count = n as f64;
+        let (count, scale) = (n as f64, squares.sqrt());
         let gram = glam::DMat3::from_cols_array(&[count, sx, sy, sx, xx, xy, sy, xy, yy]);
         let is_line = gram.determinant().abs() < 1e-9 * count * count * count;
         if is_line || !(scale > 0.0 && scale.is_finite()) {
@@ -379,10 +386,8 @@ impl PlaneResiduals {
         let inverse = gram.inverse();
         let gram_inverse = [inverse.x_axis, inverse.y_axis, inverse.z_axis].map(|axis| axis.to_array());
         let plane = apply(&gram_inverse, &[c_sum, cx, cy]);
-        for (value, (&x, &y)) in centred.iter_mut().zip(x.iter().zip(y)) {
-            *value = *value - plane[0] - plane[1] * f64::from(x) - plane[2] * f64::from(y);
-        }
-        let residual: Vec<f32> = centred.iter().map(|&r| r as f32).collect();
+        let left = |i: usize| centred(i) - plane[0] - plane[1] * f64::from(x[i]) - plane[2] * f64::from(y[i]);
+        let residual: Vec<f32> = (0..n).map(|i| (left(i) / scale) as f32).collect();
         let [norm_squared] = sums(n, |i| [f64::from(residual[i]).powi(2)]);
         (norm_squared > FLAT).then_some(Self { gram_inverse, residual, norm_squared })
     }
