@@ -19,7 +19,7 @@ use crate::evidence::Evidence;
 use crate::evidence::calibrate::Calibration;
 use crate::evidence::vegetation;
 use crate::ray::Ray;
-use crate::render::profile::Stops;
+use crate::render::profile::{ProfileRay, Stops};
 use crate::scene::Prism;
 use crate::score::intervals::{Intervals, PackedInterval, RoofIntersection, Sums};
 use crate::simd::LANES;
@@ -33,19 +33,14 @@ const FLAT: f64 = 1e-9;
 pub(crate) const UNMODELLED_M: f64 = 3.0;
 /// The same in standard deviations of the prior on open ground.
 const UNMODELLED_SIGMAS: f64 = 3.0;
+/// Rays that tell what is open ground, about: evenly spaced ones of all around.
+const N_OPEN: usize = 500;
 
 /// One building in one view.
 #[derive(Debug)]
 pub struct Window {
     intervals: Intervals,
-    /// All rays of the window: position in the view, image position, scaled inverse depth without the building.
-    rays: Vec<u32>,
-    x: Vec<f32>,
-    y: Vec<f32>,
-    v: Vec<f32>,
-    /// By ray: the prior, and what `[1, x, y]` leaves of it.
-    raw: Vec<f32>,
-    p: Vec<f32>,
+    rays: Vec<WindowRay>,
     calibration: Option<Calibration>,
     /// Height of the building's ground above the camera, metres.
     ground_above_eye_m: f32,
@@ -55,6 +50,21 @@ pub struct Window {
     base: Sums,
     /// Share of the surroundings that look at something the scene does not have, 0..1.
     pub unmodelled: f32,
+}
+
+/// A ray of a window.
+#[derive(Debug, Clone, Copy)]
+struct WindowRay {
+    /// Position in the view.
+    ray: u32,
+    /// Image position, −1 to 1 over the window.
+    x: f32,
+    y: f32,
+    /// Scaled inverse depth without the building.
+    v: f32,
+    /// The prior, and what `[1, x, y]` leaves of it.
+    raw: f32,
+    p: f32,
 }
 
 /// Questions that will be asked of a window, and so the rays it takes.
@@ -97,37 +107,41 @@ impl Window {
             vegetation::leave_out(evidence, calibration, &mut rays);
         }
         // What each ray sees without the building.
-        let mut depths = Vec::with_capacity(rays.len());
-        let mut own: Vec<(usize, u32)> = Vec::with_capacity(own_rays.len());
+        let mut kept: Vec<WindowRay> = Vec::with_capacity(rays.len());
+        let mut own: Vec<(usize, u32, f32)> = Vec::with_capacity(own_rays.len());
         let mut is_own = within(&own_rays);
-        rays.retain(|&r| {
-            let (ray, is_own) = (r as usize, is_own(r));
-            let depth = if is_own { profiles.depth_without(ray, stops, building) } else { stops.depth(ray) };
-            let is_kept = depth >= profiles.rays[ray].ground || profiles.level(ray, depth) < top_z;
-            if is_kept {
-                own.extend(is_own.then_some((depths.len(), r)));
-                depths.push(depth);
+        let (mut low, mut high) = ([u16::MAX; 2], [0; 2]);
+        let mut depths = 0.0;
+        for r in rays {
+            let (at, is_own) = (r as usize, is_own(r));
+            let depth = if is_own { profiles.depth_without(at, stops, building) } else { stops.depth(at) };
+            let ProfileRay { pixel, ground, .. } = profiles.rays[at];
+            if depth >= ground || profiles.level(at, depth) < top_z {
+                own.extend(is_own.then_some((kept.len(), r, depth)));
+                let [x, y] = pixel.map(f32::from);
+                kept.push(WindowRay { ray: r, x, y, v: depth, raw: evidence.nearness[at], p: 0.0 });
+                for axis in 0..2 {
+                    (low[axis], high[axis]) = (low[axis].min(pixel[axis]), high[axis].max(pixel[axis]));
+                }
+                depths += f64::from(depth);
             }
-            is_kept
-        });
-        if rays.len() < MIN_RAYS {
+        }
+        if kept.len() < MIN_RAYS {
             return None;
         }
-        let raw: Vec<f32> = rays.iter().map(|&r| evidence.nearness[r as usize]).collect();
-        let [x, y] = [0, 1].map(|axis| centred_positions(evidence, &rays, axis));
-        let reference = depths.iter().sum::<f32>() / depths.len() as f32;
-        let v: Vec<f32> = depths.iter().map(|d| reference / d - 1.0).collect();
-        let PlaneResiduals { gram_inverse, residual: p, norm_squared: p_norm_squared } =
-            PlaneResiduals::taken_out(&raw, &x, &y)?;
+        let reference = (depths / kept.len() as f64) as f32;
+        let [middle, half] =
+            [1.0, -1.0].map(|sign| [0, 1].map(|axis| 0.5 * (f32::from(high[axis]) + sign * f32::from(low[axis]))));
+        for ray in &mut kept {
+            ray.x = (ray.x - middle[0]) / half[0].max(1.0);
+            ray.y = (ray.y - middle[1]) / half[1].max(1.0);
+            ray.v = reference / ray.v - 1.0;
+        }
+        let PlaneResiduals { gram_inverse, norm_squared: p_norm_squared } = PlaneResiduals::taken_out(&mut kept)?;
 
         let mut window = Self {
             intervals: Intervals::relative_to(reference),
-            rays,
-            x,
-            y,
-            v,
-            raw,
-            p,
+            rays: kept,
             calibration,
             ground_above_eye_m: ground_z - profiles.eye_z,
             gram_inverse,
@@ -135,9 +149,9 @@ impl Window {
             base: Sums::default(),
             unmodelled,
         };
-        for (at, r) in own {
+        for (at, r, depth) in own {
             let of_ray = profiles.intervals(r as usize).iter().filter(|c| c.building == building);
-            window.push(at, profiles.rays[r as usize].dz, depths[at], of_ray.map(|c| (c.enter, c.leave)));
+            window.push(at, profiles.rays[r as usize].dz, depth, of_ray.map(|c| (c.enter, c.leave)));
         }
         window.base = window.sums_without();
         Some(window)
@@ -147,7 +161,8 @@ impl Window {
     /// the footprint; without the building the ray ends at `depth`.
     fn push(&mut self, at: usize, dz: f32, depth: f32, stretches: impl Iterator<Item = (f32, f32)>) {
         let per_metre = dz.recip();
-        let lifted = self.calibration.map_or(f32::NAN, |c| c.inverse_depth(self.raw[at]));
+        let WindowRay { x, y, v, raw, p, .. } = self.rays[at];
+        let lifted = self.calibration.map_or(f32::NAN, |c| c.inverse_depth(raw));
         let mut after = f32::NEG_INFINITY;
         for (enter, leave) in stretches.take_while(|(enter, _)| *enter < depth) {
             let before = leave.min(depth);
@@ -158,10 +173,10 @@ impl Window {
                 after,
                 before,
                 enter,
-                v: self.v[at],
-                p: self.p[at],
-                x: self.x[at],
-                y: self.y[at],
+                v,
+                p,
+                x,
+                y,
                 lifted: self.intervals.reference() * lifted - 1.0,
             });
             after = before;
@@ -172,8 +187,7 @@ impl Window {
     pub(crate) fn put(&mut self, prism: &Prism, rays: &[Ray], depths: &[f32]) {
         let reference = self.intervals.reference();
         self.intervals = Intervals::relative_to(reference);
-        self.v.clear();
-        self.v.extend(depths.iter().map(|depth| reference / depth - 1.0));
+        self.rays.iter_mut().zip(depths).for_each(|(ray, depth)| ray.v = reference / depth - 1.0);
         let (circle, mut over) = (prism.circle(), Vec::new());
         for (at, (ray, &depth)) in rays.iter().zip(depths).enumerate().filter(|(_, (ray, _))| circle.is_crossed(ray)) {
             over.clear();
@@ -186,16 +200,16 @@ impl Window {
     /// The sums where the building is not there.
     fn sums_without(&self) -> Sums {
         let mut base = Sums::default();
-        [base.v, base.vx, base.vy, base.vp, base.vv] = sums(self.rays.len(), |i| {
-            let value = f64::from(self.v[i]);
-            [1.0, f64::from(self.x[i]), f64::from(self.y[i]), f64::from(self.p[i]), value].map(|k| value * k)
+        [base.v, base.vx, base.vy, base.vp, base.vv] = sums(&self.rays, |ray| {
+            let value = f64::from(ray.v);
+            [1.0, f64::from(ray.x), f64::from(ray.y), f64::from(ray.p), value].map(|k| value * k)
         });
         base
     }
 
     /// Rays that are compared, by their position in the view.
-    pub(crate) fn rays(&self) -> &[u32] {
-        &self.rays
+    pub(crate) fn rays(&self) -> impl Iterator<Item = u32> + '_ {
+        self.rays.iter().map(|ray| ray.ray)
     }
 
     /// Rays that are compared.
@@ -223,7 +237,7 @@ impl Window {
 
     /// The building's own intervals: ray, and z-depths between which it can stop the ray.
     pub(crate) fn own_stretches(&self) -> impl Iterator<Item = (u32, f32, f32)> + '_ {
-        self.intervals.iter().map(|(ray, enter, before)| (self.rays[ray as usize], enter, before))
+        self.intervals.iter().map(|(ray, enter, before)| (self.rays[ray as usize].ray, enter, before))
     }
 
     /// Linear correlation, from what a roof changes.
@@ -255,7 +269,7 @@ fn leave_out_unmodelled(
     let mut is_own = within(own);
     let excess_m = |&ray: &u32| excess_m(evidence, stops, calibration, ray as usize);
     let around: Vec<f32> = rays.iter().filter(|&&r| !is_own(r)).map(excess_m).collect();
-    let Some(limit) = limit_m(around.clone()) else { return 0.0 };
+    let Some(limit) = limit_m(&around) else { return 0.0 };
     let n_before = rays.len();
     // The building's own rays are left alone.
     let (mut is_own, mut of_around) = (within(own), around.iter());
@@ -269,7 +283,7 @@ pub(crate) fn unmodelled_share(evidence: &Evidence<'_>, stops: &Stops, calibrati
     let is_open = |&ray: &usize| evidence.is_known(ray) && profiles.intervals(ray).is_empty();
     let open = (0..profiles.rays.len()).filter(is_open);
     let open: Vec<f32> = open.map(|ray| excess_m(evidence, stops, calibration, ray)).collect();
-    let Some(limit) = limit_m(open.clone()) else { return 0.0 };
+    let Some(limit) = limit_m(&open) else { return 0.0 };
     open.iter().filter(|excess| f64::from(**excess) > limit).count() as f32 / open.len() as f32
 }
 
@@ -280,8 +294,9 @@ fn excess_m(evidence: &Evidence<'_>, stops: &Stops, calibration: Calibration, ra
 }
 
 /// Excess from which something is not in the scene, among those of open ground; `None` where these are too few.
-fn limit_m(mut open: Vec<f32>) -> Option<f64> {
-    let (level, sigma) = far_side(&mut open)?;
+fn limit_m(open: &[f32]) -> Option<f64> {
+    let mut some: Vec<f32> = open.iter().copied().step_by((open.len() / N_OPEN).max(1)).collect();
+    let (level, sigma) = far_side(&mut some)?;
     Some(level + (UNMODELLED_SIGMAS * sigma).max(UNMODELLED_M))
 }
 
@@ -296,14 +311,16 @@ pub(crate) fn within(ascending: &[u32]) -> impl FnMut(u32) -> bool + '_ {
     }
 }
 
-/// Several sums over the same `n` terms, side by side, each in [`WAYS`] parts: a sum in its order waits for itself.
-fn sums<const N: usize>(n: usize, terms: impl Fn(usize) -> [f64; N]) -> [f64; N] {
+/// Several sums over rays, side by side, each in [`WAYS`] parts: a sum in its order waits for itself.
+fn sums<const N: usize>(rays: &[WindowRay], terms: impl Fn(&WindowRay) -> [f64; N]) -> [f64; N] {
     const WAYS: usize = 4;
     let mut parts = [[0.0; WAYS]; N];
-    let mut add = |way: usize, i: usize| parts.iter_mut().zip(terms(i)).for_each(|(part, term)| part[way] += term);
-    let whole = n - n % WAYS;
-    (0..whole).step_by(WAYS).for_each(|first| (0..WAYS).for_each(|way| add(way, first + way)));
-    (whole..n).for_each(|i| add(i - whole, i));
+    let mut add = |way: usize, ray: &WindowRay| {
+        parts.iter_mut().zip(terms(ray)).for_each(|(part, term)| part[way] += term);
+    };
+    let (blocks, rest) = rays.as_chunks::<WAYS>();
+    blocks.iter().for_each(|block| block.iter().enumerate().for_each(|(way, ray)| add(way, ray)));
+    rest.iter().enumerate().for_each(|(way, ray)| add(way, ray));
     parts.map(|part| part.into_iter().sum())
 }
 
@@ -348,36 +365,24 @@ fn weighted_mean(values: &[f32], middle: f32, reach: f32) -> f64 {
     sum / weight
 }
 
-/// Image positions of rays along an axis, −1 to 1 over the window so that the Gram matrix is well conditioned.
-fn centred_positions(evidence: &Evidence<'_>, rays: &[u32], axis: usize) -> Vec<f32> {
-    let pixel = |ray: &u32| evidence.profiles.rays[*ray as usize].pixel[axis];
-    let ends = |[low, high]: [u16; 2], ray: &u32| [low.min(pixel(ray)), high.max(pixel(ray))];
-    let [low, high] = rays.iter().fold([u16::MAX, 0], ends).map(f32::from);
-    let (middle, half) = (0.5 * (low + high), (0.5 * (high - low)).max(1.0));
-    rays.iter().map(|ray| (f32::from(pixel(ray)) - middle) / half).collect()
-}
-
-/// Residuals that `[1, x, y]` does not explain of some values.
+/// What `[1, x, y]` does not explain of a window's prior.
 struct PlaneResiduals {
     /// Inverse of the Gram matrix of `[1, x, y]`.
     gram_inverse: [[f64; 3]; 3],
-    residual: Vec<f32>,
     norm_squared: f64,
 }
 
 impl PlaneResiduals {
-    /// `None` where all positions are in one line, or nothing is left of the values.
-    fn taken_out(values: &[f32], x: &[f32], y: &[f32]) -> Option<Self> {
-        let n = values.len();
-        let (x, y) = (&x[..n], &y[..n]);
-        let [sum] = sums(n, |i| [f64::from(values[i])]);
-        let mean = sum / n as f64;
-        let centred = |i: usize| f64::from(values[i]) - mean;
-        let [sx, sy, xx, xy, yy, c_sum, cx, cy, squares] = sums(n, |i| {
-            let (x, y, c) = (f64::from(x[i]), f64::from(y[i]), centred(i));
+    /// Sets each ray's residual; `None` where all positions are in one line, or nothing is left of the prior.
+    fn taken_out(rays: &mut [WindowRay]) -> Option<Self> {
+        let count = rays.len() as f64;
+        let [sum] = sums(rays, |ray| [f64::from(ray.raw)]);
+        let mean = sum / count;
+        let [sx, sy, xx, xy, yy, c_sum, cx, cy, squares] = sums(rays, |ray| {
+            let (x, y, c) = (f64::from(ray.x), f64::from(ray.y), f64::from(ray.raw) - mean);
             [x, y, x * x, x * y, y * y, c, c * x, c * y, c * c]
         });
-        let (count, scale) = (n as f64, squares.sqrt());
+        let scale = squares.sqrt();
         let gram = glam::DMat3::from_cols_array(&[count, sx, sy, sx, xx, xy, sy, xy, yy]);
         let is_line = gram.determinant().abs() < 1e-9 * count * count * count;
         if is_line || !(scale > 0.0 && scale.is_finite()) {
@@ -386,10 +391,12 @@ impl PlaneResiduals {
         let inverse = gram.inverse();
         let gram_inverse = [inverse.x_axis, inverse.y_axis, inverse.z_axis].map(|axis| axis.to_array());
         let plane = apply(&gram_inverse, &[c_sum, cx, cy]);
-        let left = |i: usize| centred(i) - plane[0] - plane[1] * f64::from(x[i]) - plane[2] * f64::from(y[i]);
-        let residual: Vec<f32> = (0..n).map(|i| (left(i) / scale) as f32).collect();
-        let [norm_squared] = sums(n, |i| [f64::from(residual[i]).powi(2)]);
-        (norm_squared > FLAT).then_some(Self { gram_inverse, residual, norm_squared })
+        for ray in &mut *rays {
+            let explained = plane[0] + plane[1] * f64::from(ray.x) + plane[2] * f64::from(ray.y);
+            ray.p = ((f64::from(ray.raw) - mean - explained) / scale) as f32;
+        }
+        let [norm_squared] = sums(rays, |ray| [f64::from(ray.p).powi(2)]);
+        (norm_squared > FLAT).then_some(Self { gram_inverse, norm_squared })
     }
 }
 

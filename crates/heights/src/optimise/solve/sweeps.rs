@@ -9,7 +9,6 @@ use super::{Kept, Problem, SolverState, Solving};
 use crate::config::CalibrationRays;
 use crate::evidence::bleed;
 use crate::optimise::layer_shift;
-use crate::optimise::rays::Rays;
 use crate::roofs::Judged;
 use crate::roofs::formed::FormedRoof;
 use crate::scene::{Prism, Scene};
@@ -233,7 +232,7 @@ impl SolverState<'_> {
         };
         let prisms = scene.prisms.iter().zip(&self.footprint_shifts).map(in_place).collect();
         let scene = Scene { prisms, ..scene.clone() };
-        let rays = Rays::new(self.problem.views.len(), self.config.stride_px);
+        let rays = self.problem.rays.of_moved_footprints();
         let problem = Problem { scene: &scene, rays: &rays, ..*self.problem };
         let mut there = SolverState::new(&problem, self.config);
         there.heights_m.clone_from(&self.heights_m);
