@@ -140,7 +140,7 @@ impl Window {
         let PlaneResiduals { gram_inverse, norm_squared: p_norm_squared } = PlaneResiduals::taken_out(&mut kept)?;
 
         let mut window = Self {
-            intervals: Intervals::relative_to(reference),
+            intervals: Intervals::relative_to(reference, own.len()),
             rays: kept,
             calibration,
             ground_above_eye_m: ground_z - profiles.eye_z,
@@ -186,7 +186,7 @@ impl Window {
     /// Puts another footprint in the building's place, where the rays end at `depths` without the building.
     pub(crate) fn put(&mut self, prism: &Prism, rays: &[Ray], depths: &[f32]) {
         let reference = self.intervals.reference();
-        self.intervals = Intervals::relative_to(reference);
+        self.intervals = Intervals::relative_to(reference, self.intervals.n());
         self.rays.iter_mut().zip(depths).for_each(|(ray, depth)| ray.v = reference / depth - 1.0);
         let (circle, mut over) = (prism.circle(), Vec::new());
         for (at, (ray, &depth)) in rays.iter().zip(depths).enumerate().filter(|(_, (ray, _))| circle.is_crossed(ray)) {
@@ -268,7 +268,8 @@ fn leave_out_unmodelled(
 ) -> f32 {
     let mut is_own = within(own);
     let excess_m = |&ray: &u32| excess_m(evidence, stops, calibration, ray as usize);
-    let around: Vec<f32> = rays.iter().filter(|&&r| !is_own(r)).map(excess_m).collect();
+    let mut around: Vec<f32> = Vec::with_capacity(rays.len());
+    around.extend(rays.iter().filter(|&&r| !is_own(r)).map(excess_m));
     let Some(limit) = limit_m(&around) else { return 0.0 };
     let n_before = rays.len();
     // The building's own rays are left alone.
@@ -406,4 +407,46 @@ fn apply(m: &[[f64; 3]; 3], v: &[f64; 3]) -> [f64; 3] {
 
 fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ground with some noise, of which every third ray shows a tree.
+    fn open_ground(n: usize) -> Vec<f32> {
+        let noise = |i: usize| ((i * 7919 % 1000) as f32 / 999.0 - 0.5) * 1.2;
+        (0..n).map(|i| noise(i) + if i % 3 == 0 { 6.0 } else { 0.4 }).collect()
+    }
+
+    #[test]
+    fn the_far_side_is_the_ground_between_trees() {
+        let (level, sigma) = far_side(&mut open_ground(900)).expect("enough rays");
+        assert!((level - 0.4).abs() < 0.1 && (0.2..0.7).contains(&sigma), "{level} {sigma}");
+    }
+
+    #[test]
+    fn evenly_spaced_rays_tell_open_ground_as_all_do() {
+        let open = open_ground(20 * N_OPEN + 7);
+        let (of_some, of_all) = (limit_m(&open), far_side(&mut open.clone()));
+        let (level, _) = of_all.expect("enough rays");
+        assert!((of_some.expect("enough rays") - level - UNMODELLED_M).abs() < 0.05, "{of_some:?} {level}");
+    }
+
+    #[test]
+    fn a_window_s_prior_is_left_without_its_plane() {
+        let at = |i: u16| (f32::from(i % 8) / 3.5 - 1.0, f32::from(i / 8) / 3.5 - 1.0);
+        let step = |x: f32, y: f32| if x * x + y * y < 0.4 { 1.0 } else { 0.0 };
+        let ray = |i: u16| {
+            let (x, y) = at(i);
+            WindowRay { ray: u32::from(i), x, y, v: 0.0, raw: 5.0 + 2.0 * x - 3.0 * y + step(x, y), p: 0.0 }
+        };
+        let mut rays: Vec<WindowRay> = (0..64).map(ray).collect();
+        let plane = PlaneResiduals::taken_out(&mut rays).expect("a step is left");
+        let [sum, along_x, along_y, squares] = sums(&rays, |r| [r.p, r.p * r.x, r.p * r.y, r.p * r.p].map(f64::from));
+        assert!([sum, along_x, along_y].iter().all(|left| left.abs() < 1e-5), "{sum} {along_x} {along_y}");
+        assert!((squares - plane.norm_squared).abs() < 1e-6);
+        let mut level: Vec<WindowRay> = rays.iter().map(|r| WindowRay { raw: 1.0 + r.x, ..*r }).collect();
+        assert!(PlaneResiduals::taken_out(&mut level).is_none(), "nothing but the plane");
+    }
 }

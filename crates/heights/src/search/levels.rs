@@ -111,7 +111,7 @@ pub(crate) fn find(
         let guess = first_guess(&plan, &two_levels(&first, &plan), one)?;
         let views = seen_in(of_building);
         let seen = two_levels(&views, &plan);
-        let levels = other_level(&plan, &seen, guess, below_score)?;
+        let levels = other_level(&plan, &seen, &guess, below_score)?;
         Some(OtherLevel { building, corners: corners(&plan, &levels), gain: gain(&seen, &levels, one) })
     };
     (0..scene.prisms.len()).into_par_iter().filter_map(of_building).collect()
@@ -182,7 +182,7 @@ fn first_guess(plan: &AlignedFootprint<'_>, first: &[TwoLevelView<'_>], one: One
 fn other_level(
     plan: &AlignedFootprint<'_>,
     seen: &[TwoLevelView<'_>],
-    guess: FirstGuess,
+    guess: &FirstGuess,
     below_score: f64,
 ) -> Option<TwoLevels> {
     if seen.len() < MIN_VIEWS {
