@@ -148,7 +148,7 @@ impl Intervals {
         self.reference
     }
 
-    /// Number of intervals.
+    /// Number of intervals over the building.
     pub fn n(&self) -> usize {
         self.rays.len()
     }

@@ -366,7 +366,7 @@ fn weighted_mean(values: &[f32], middle: f32, reach: f32) -> f64 {
     sum / weight
 }
 
-/// What `[1, x, y]` does not explain of a window's prior.
+/// Parts of a window's prior that `[1, x, y]` does not explain.
 struct PlaneResiduals {
     /// Inverse of the Gram matrix of `[1, x, y]`.
     gram_inverse: [[f64; 3]; 3],
