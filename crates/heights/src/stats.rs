@@ -21,12 +21,13 @@ pub fn quantile(values: &[f64], q: f64) -> Option<f64> {
 
 /// [`quantile`] of values already in ascending order and free of `NaN`.
 #[must_use]
-pub fn quantile_of_sorted(sorted: &[f64], q: f64) -> Option<f64> {
+pub fn quantile_of_sorted<T: Copy + Into<f64>>(sorted: &[T], q: f64) -> Option<f64> {
     let last = sorted.len().checked_sub(1)?;
     let position = q.clamp(0.0, 1.0) * last as f64;
     let below = position.floor() as usize;
     let above = position.ceil() as usize;
-    Some(sorted[below] + (sorted[above] - sorted[below]) * (position - below as f64))
+    let [low, high]: [f64; 2] = [sorted[below], sorted[above]].map(Into::into);
+    Some(low + (high - low) * (position - below as f64))
 }
 
 /// The median with the mean of the middle two, or `None` for no values.

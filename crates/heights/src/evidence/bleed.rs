@@ -159,7 +159,9 @@ fn offset(tracer: &SceneTracer<'_>, placed: &PlacedCamera, prior: &DepthPrior, e
     let mut scratch = Vec::new();
     let (mut seen, mut rendered) = (Profile::default(), Profile::default());
     let (mut nearest, mut farthest) = (f32::INFINITY, 0.0_f32);
-    for (i, step) in (-HALF_WIDTH_PX..HALF_WIDTH_PX).enumerate() {
+    // From the edge outwards on either side: most that are no clean edges are none close by.
+    let steps = (0..HALF_WIDTH_PX).flat_map(|away| [-1 - away, away]);
+    for step in steps {
         let pixel = edge.at + (f64::from(step) + 0.5) * edge.outward;
         let (depth, face) = tracer.trace(&placed.ray(pixel)?, &mut scratch);
         let is_own = face.building().is_some_and(|b| b.at() == edge.building);
@@ -171,11 +173,12 @@ fn offset(tracer: &SceneTracer<'_>, placed: &PlacedCamera, prior: &DepthPrior, e
         } else {
             nearest = nearest.min(depth);
         }
-        rendered[i] = f64::from(depth.recip());
-        seen[i] = f64::from(nearness_at(placed, prior, pixel));
-    }
-    if nearest < farthest * (1.0 + MIN_JUMP) || seen.iter().any(|p| !p.is_finite()) {
-        return None;
+        let at = (step + HALF_WIDTH_PX) as usize;
+        rendered[at] = f64::from(depth.recip());
+        seen[at] = f64::from(nearness_at(placed, prior, pixel));
+        if nearest < farthest * (1.0 + MIN_JUMP) || !seen[at].is_finite() {
+            return None;
+        }
     }
     moved_by(&seen, &rendered)
 }

@@ -47,11 +47,11 @@ impl Calibration {
     /// falls towards the camera.
     #[must_use]
     pub fn fit(evidence: &Evidence<'_>, stops: &Stops, rays: CalibrationRays) -> Option<Self> {
-        let samples = samples(evidence, stops, rays);
-        if samples.len() < MIN_RAYS {
+        let (samples, n) = samples(evidence, stops, rays);
+        if n < MIN_RAYS {
             return None;
         }
-        robust_line(&thinned(samples, N_SAMPLES)).filter(|line| line.gain > 0.0)
+        robust_line(&samples).filter(|line| line.gain > 0.0)
     }
 
     pub(crate) fn gain(&self) -> f64 {
@@ -74,24 +74,27 @@ impl Calibration {
     }
 }
 
-/// Rendered inverse depth and prior of a view's rays.
-fn samples(evidence: &Evidence<'_>, stops: &Stops, rays: CalibrationRays) -> Vec<(f64, f64)> {
-    let profiles = evidence.profiles;
-    let known = evidence.nearness.iter().enumerate().filter(|(_, p)| p.is_finite());
-    let on_anything = known.filter_map(|(ray, &p)| {
-        let depth = stops.depth(ray);
-        let is_ground = depth >= profiles.rays[ray].ground;
-        depth.is_finite().then(|| (is_ground, (f64::from(depth.recip()), f64::from(p))))
-    });
-    let on_anything: Vec<(bool, (f64, f64))> = on_anything.collect();
-    let n_ground = on_anything.iter().filter(|(is_ground, _)| *is_ground).count();
-    let needs_all = rays == CalibrationRays::All || n_ground < MIN_GROUND_RAYS;
-    on_anything.into_iter().filter(|(is_ground, _)| *is_ground || needs_all).map(|(_, sample)| sample).collect()
+/// Rendered inverse depth and prior of evenly spaced ones of a view's rays, and how many can be used in all.
+fn samples(evidence: &Evidence<'_>, stops: &Stops, rays: CalibrationRays) -> (Vec<(f64, f64)>, usize) {
+    let is_on_anything = |ray: &usize| evidence.nearness[*ray].is_finite() && stops.depth(*ray).is_finite();
+    let is_ground = |ray: &usize| stops.depth(*ray) >= evidence.profiles.rays[*ray].ground;
+    let usable = || (0..evidence.nearness.len()).filter(is_on_anything);
+    let n_ground = if rays == CalibrationRays::All { 0 } else { usable().filter(is_ground).count() };
+    let needs_all = n_ground < MIN_GROUND_RAYS;
+    let n = if needs_all { usable().count() } else { n_ground };
+    let sample = |ray: usize| (f64::from(stops.depth(ray).recip()), f64::from(evidence.nearness[ray]));
+    let taken = usable().filter(|ray| needs_all || is_ground(ray)).step_by(step(n, N_SAMPLES));
+    (taken.map(sample).collect(), n)
+}
+
+/// One of so many of `n` samples leaves at most twice `wanted`, and all where there are fewer.
+fn step(n: usize, wanted: usize) -> usize {
+    (n / wanted).max(1)
 }
 
 /// Evenly spaced samples of those given, at most twice `n` of them and all where there are fewer.
 pub(crate) fn thinned(samples: Vec<(f64, f64)>, n: usize) -> Vec<(f64, f64)> {
-    let step = (samples.len() / n).max(1);
+    let step = step(samples.len(), n);
     if step == 1 { samples } else { samples.into_iter().step_by(step).collect() }
 }
 

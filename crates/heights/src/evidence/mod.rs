@@ -46,8 +46,9 @@ impl SampledPrior {
         stride_px: usize,
     ) -> Self {
         let blocks = Blocks::of(placed, stride_px);
-        let along: Vec<f32> =
-            profiles.rays.par_iter().map(|ray| without_bleeding(placed, prior, ray.centre(), bleeding_px)).collect();
+        let (places, is_grown) = (places_around(bleeding_px.abs()), bleeding_px < 0.0);
+        let at = |ray: &ProfileRay| without_bleeding(placed, prior, ray.centre(), &places, is_grown);
+        let along: Vec<f32> = profiles.rays.par_iter().map(at).collect();
         let mut nearness = vec![f32::NAN; blocks.n()];
         for (ray, value) in profiles.rays.iter().zip(along) {
             nearness[blocks.at(ray)] = value;
@@ -246,6 +247,12 @@ impl<'a> Evidence<'a> {
         placed.ray(centre).expect("only pixels that have a ray are sampled")
     }
 
+    /// Whether a ray has a prior and meets the ground.
+    #[must_use]
+    pub(crate) fn is_known(&self, ray: usize) -> bool {
+        self.nearness[ray].is_finite() && self.profiles.rays[ray].ground.is_finite()
+    }
+
     /// The area of the image that so many of the rays stand for, pixels squared.
     #[must_use]
     pub fn area_px(&self, n_rays: usize) -> f64 {
@@ -284,7 +291,7 @@ impl<'a> Evidence<'a> {
         self.around[at].get_or_init(|| self.rays_around(self.rays_of(building), DILATE_PX).into())
     }
 
-    /// Some rays and those within `dilate_px` of one of them, ascending.
+    /// Some rays and those within `dilate_px` of one of them, ascending; of all these only those that have a prior and meet the ground.
     #[must_use]
     pub fn rays_around(&self, own: &[u32], dilate_px: usize) -> Vec<u32> {
         let place_of = |ray: u32| self.blocks.place(&self.profiles.rays[ray as usize]);
@@ -317,7 +324,8 @@ impl<'a> Evidence<'a> {
             }
             let Some(middle) = row.checked_sub(reach) else { continue };
             let blocks = &self.ray_of[(middle + low[1]) * wide + low[0]..][..width];
-            rays.extend(blocks.iter().zip(&n_near).filter(|&(&ray, &n)| n > 0 && ray != NO_RAY).map(|(&ray, _)| ray));
+            let is_near = |&(&ray, &n): &(&u32, &u16)| n > 0 && ray != NO_RAY && self.is_known(ray as usize);
+            rays.extend(blocks.iter().zip(&n_near).filter(is_near).map(|(&ray, _)| ray));
         }
         rays
     }
@@ -349,22 +357,26 @@ fn farness_of(kind: PriorKind, nearness: f32) -> f32 {
     }
 }
 
-/// [`nearness_at`] with near sides cut back by `bleeding_px` (the least value within so many pixels), or grown by as much if
-/// negative.
-fn without_bleeding(placed: &PlacedCamera, prior: &DepthPrior, pixel: DVec2, bleeding_px: f64) -> f32 {
-    let mut extreme = nearness_at(placed, prior, pixel);
-    let mut radius = bleeding_px.abs();
-    while radius > 0.0 {
+/// Places around a pixel up to a distance away, pixels: rings a pixel apart, from the outermost inwards.
+fn places_around(farthest_px: f64) -> Vec<DVec2> {
+    let radii =
+        std::iter::successors(Some(farthest_px), |radius| Some(radius - 1.0)).take_while(|radius| *radius > 0.0);
+    let ring = |radius: f64| {
         let n = (std::f64::consts::TAU * radius).ceil();
-        for k in 0..n as usize {
-            let around = pixel + radius * DVec2::from_angle(std::f64::consts::TAU * k as f64 / n);
-            let value = nearness_at(placed, prior, around);
-            // Comparisons with NaN are false: places without a prior have no say.
-            if (bleeding_px > 0.0 && value < extreme) || (bleeding_px < 0.0 && value > extreme) {
-                extreme = value;
-            }
+        (0..n as usize).map(move |k| radius * DVec2::from_angle(std::f64::consts::TAU * k as f64 / n))
+    };
+    radii.flat_map(ring).collect()
+}
+
+/// [`nearness_at`] with near sides cut back to the least value at places around, or grown to the greatest if `is_grown`.
+fn without_bleeding(placed: &PlacedCamera, prior: &DepthPrior, pixel: DVec2, places: &[DVec2], is_grown: bool) -> f32 {
+    let mut extreme = nearness_at(placed, prior, pixel);
+    for place in places {
+        let value = nearness_at(placed, prior, pixel + *place);
+        // Comparisons with NaN are false: places without a prior have no say.
+        if if is_grown { value > extreme } else { value < extreme } {
+            extreme = value;
         }
-        radius -= 1.0;
     }
     extreme
 }

@@ -6,7 +6,8 @@
 //! d*   = place of its maximum, by parabolas along east and north, in rounds;   σ: leaving out one building at a time
 //! ```
 //!
-//! A first search along every [`THIN`]th ray that comes to rest clearly nearer than what is told is the last.
+//! A first search along every [`THIN`]th ray that comes to rest clearly nearer than what is told is the last. Priors are in metres as
+//! they were before the photos moved.
 //!
 //! Seen from all sides a footprint that is off shows: what stands out does so beside it, on the same side of the map in every photo.
 //! Seen from one side it would pass for another height, so only buildings with photos from around them are asked.
@@ -17,12 +18,12 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::config::SearchConfig;
+use crate::config::{DILATE_PX, SearchConfig};
 use crate::evidence::Evidence;
 use crate::optimise::solve::{Problem, ViewInput};
 use crate::render::profile::{CappedScene, Profiles};
 use crate::search::shift::{PeakSearch, evenly_around, lead_all_around};
-use crate::search::{Finding, Range, SweepView, SweepViews, find_roofs, sweep};
+use crate::search::{Finding, Range, SweepView, SweepViews, around, find_roofs, sweep};
 use crate::stats::jackknife_sigma;
 
 /// Buildings that are asked at most, and views of each.
@@ -80,8 +81,8 @@ struct ShiftTrial<'a> {
     config: &'a SearchConfig,
     heights_m: &'a [f32],
     views_of: Vec<Vec<usize>>,
-    /// By view, where photos and footprints stand as they are.
-    evidence: BTreeMap<usize, &'a Evidence<'a>>,
+    /// By view, where photos and footprints stand as they are, with the buildings that are asked in it.
+    views: BTreeMap<usize, (&'a SweepView<'a>, Vec<usize>)>,
     capped: CappedScene,
     /// One ray of so many takes part.
     thin: usize,
@@ -91,12 +92,12 @@ struct ShiftTrial<'a> {
 /// to say.
 pub(super) fn measure(
     problem: &Problem<'_>,
-    evidence: &[Option<Evidence<'_>>],
+    views: SweepViews<'_>,
     views_of: &[Vec<usize>],
     heights_m: &[f32],
     config: &SearchConfig,
 ) -> Option<LayerShift> {
-    let (trial, asked, step_m) = ShiftTrial::new(problem, evidence, views_of, heights_m, config)?;
+    let (trial, asked, step_m) = ShiftTrial::new(problem, views, views_of, heights_m, config)?;
     let (peak, sigma_m) = trial.peak(&asked, step_m)?;
     if peak.length() + SIGMAS * sigma_m < LEAST_SHIFT_M {
         return None;
@@ -110,12 +111,12 @@ pub(super) fn measure(
 /// foot is drawn too high in every photo, whereas the depth's jump at the roof's edge is as high as the building.
 pub(super) fn measure_level(
     problem: &Problem<'_>,
-    evidence: &[Option<Evidence<'_>>],
+    views: SweepViews<'_>,
     views_of: &[Vec<usize>],
     heights_m: &[f32],
     config: &SearchConfig,
 ) -> Option<LevelOff> {
-    let (trial, asked, step_m) = ShiftTrial::new(problem, evidence, views_of, heights_m, config)?;
+    let (trial, asked, step_m) = ShiftTrial::new(problem, views, views_of, heights_m, config)?;
     trial.search_level(&asked, step_m)
 }
 
@@ -166,7 +167,7 @@ impl<'a> ShiftTrial<'a> {
     /// A trial with few of the rays, the buildings that are asked, and the first step, metres.
     fn new(
         problem: &'a Problem<'a>,
-        evidence: &'a [Option<Evidence<'a>>],
+        views: SweepViews<'a>,
         views_of: &[Vec<usize>],
         heights_m: &'a [f32],
         config: &'a SearchConfig,
@@ -176,11 +177,15 @@ impl<'a> ShiftTrial<'a> {
         if asked.len() < MIN_BUILDINGS {
             return None;
         }
-        let views: BTreeSet<usize> = views_of.iter().flatten().copied().collect();
-        let evidence = views.into_iter().filter_map(|view| Some((view, evidence[view].as_ref()?))).collect();
+        let mut asked_in: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for &b in &asked {
+            views_of[b].iter().for_each(|view| asked_in.entry(*view).or_default().push(b));
+        }
+        let of_view = |(view, asked): (usize, Vec<usize>)| Some((view, (views[view].as_ref()?, asked)));
+        let views = asked_in.into_iter().filter_map(of_view).collect();
         let step_m = STEP_M.max(pixel_on_ground_m(problem, &views_of));
         let capped = CappedScene::new(problem.scene);
-        Some((Self { problem, config, heights_m, views_of, evidence, capped, thin: THIN }, asked, step_m))
+        Some((Self { problem, config, heights_m, views_of, views, capped, thin: THIN }, asked, step_m))
     }
 
     fn search_level(&self, asked: &[usize], step_m: f64) -> Option<LevelOff> {
@@ -240,31 +245,45 @@ impl<'a> ShiftTrial<'a> {
         })
     }
 
+    /// Pixels of a view in and around the buildings that are asked in it, as far around as they are moved, of which one in so many.
+    fn pixels(&self, seen: &SweepView<'_>, asked: &[usize], by_m: DVec3) -> Vec<[u16; 2]> {
+        let scene = self.problem.scene;
+        let of_building = |&b: &usize| {
+            let prism = &scene.prisms[b];
+            let moved_px = by_m.length() / seen.placed.pixel_m_at(prism.centre_at(prism.ground_z).as_dvec3());
+            let (_, highest_m) = around(self.heights_m[b], 1.0, scene.bounds);
+            // Forms of roofs are judged in whole windows too.
+            let top_z = if self.thin > 1 { prism.ground_z + highest_m } else { f32::INFINITY };
+            seen.evidence.rays_around(&seen.evidence.rays_below(b as u32, top_z), DILATE_PX + moved_px.ceil() as usize)
+        };
+        let rays: BTreeSet<u32> = asked.iter().flat_map(of_building).collect();
+        rays.into_iter().step_by(self.thin).map(|ray| seen.evidence.profiles.rays[ray as usize].pixel).collect()
+    }
+
     /// Hands the views, all moved by `by_m`, and what a local sweep finds in them to `look`.
     fn moved<T>(&self, by_m: DVec3, look: impl FnOnce(SweepViews<'_>, &[Option<Finding>]) -> T) -> T {
-        let views: Vec<ViewInput> = self.problem.views.iter().map(|v| v.moved(by_m)).collect();
+        let views: BTreeMap<usize, ViewInput> =
+            self.views.keys().map(|&view| (view, self.problem.views[view].moved(by_m))).collect();
         let scene = self.problem.scene;
         let profiles: BTreeMap<usize, Profiles> = self
-            .evidence
+            .views
             .par_iter()
-            .map(|(&view, evidence)| {
-                let pixels: Vec<[u16; 2]> =
-                    evidence.profiles.rays.iter().map(|ray| ray.pixel).step_by(self.thin).collect();
-                (view, Profiles::through(scene, &self.capped, &views[view].placed, &pixels))
+            .map(|(&view, (seen, asked))| {
+                let pixels = self.pixels(seen, asked, by_m);
+                (view, Profiles::through(scene, &self.capped, &views[&view].placed, &pixels))
             })
             .collect();
         let evidence: BTreeMap<usize, Evidence<'_>> =
-            profiles.par_iter().map(|(view, profiles)| (*view, self.evidence[view].along(profiles))).collect();
+            profiles.par_iter().map(|(view, profiles)| (*view, self.views[view].0.evidence.along(profiles))).collect();
         // Roofs stay where the photos show them.
         let start_m = |height_m: &f32| (height_m + by_m.z as f32).clamp(scene.bounds.min_m, scene.bounds.max_m);
         let start_m: Vec<f32> = self.heights_m.iter().map(start_m).collect();
         let roofs = scene.roofs(&start_m);
         let sweep_view = |view: usize| {
             let evidence = evidence.get(&view)?;
-            let stops = evidence.profiles.stops(&roofs);
-            Some(SweepView::new(scene, &views[view].placed, evidence, stops, self.config))
+            Some(self.views[&view].0.along(&views[&view].placed, evidence, evidence.profiles.stops(&roofs)))
         };
-        let sweep_views: Vec<_> = (0..views.len()).into_par_iter().map(sweep_view).collect();
+        let sweep_views: Vec<_> = (0..self.problem.views.len()).into_par_iter().map(sweep_view).collect();
         let range = Range::Local { share: 1.0 };
         let found = sweep(scene, &sweep_views, &self.views_of, &start_m, |_| true, range, self.config);
         look(&sweep_views, &found)

@@ -41,6 +41,17 @@ impl Rays {
         Self { capped: OnceLock::new(), views: self.views.into_iter().map(keep).collect(), ..self }
     }
 
+    /// The same rays for a scene in which single footprints lie elsewhere, over the same ground in the same frame: what they meet of the
+    /// ground is known, and so are priors.
+    #[must_use]
+    pub fn of_moved_footprints(&self) -> Self {
+        let keep = |view: &ViewRays| {
+            let known = view.profiles.get().map(|profiles| profiles.rays.clone());
+            ViewRays { profiles: OnceLock::new(), on_ground: Mutex::new(known), prior: view.prior.clone() }
+        };
+        Self { stride_px: self.stride_px, capped: OnceLock::new(), views: self.views.iter().map(keep).collect() }
+    }
+
     /// The prior of a view, by its position, where it has been loaded.
     pub(super) fn prior(&self, view: usize) -> Option<&Arc<SampledPrior>> {
         self.views[view].prior.get()

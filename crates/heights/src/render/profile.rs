@@ -244,6 +244,9 @@ impl Profiles {
     #[must_use]
     pub fn stops_at(&self, placed: &PlacedCamera, levels: &[f32], surfaces: &[Option<impl RoofSurface>]) -> Stops {
         let mut stops = self.stops(levels);
+        if surfaces.iter().all(Option::is_none) {
+            return stops;
+        }
         for (ray_idx, known) in self.rays.iter().enumerate() {
             let intervals = self.intervals(ray_idx);
             if intervals.iter().all(|c| surfaces[c.building as usize].is_none()) {

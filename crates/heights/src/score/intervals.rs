@@ -137,14 +137,20 @@ pub(crate) struct Intervals {
 }
 
 impl Intervals {
-    /// None yet; `reference` is the depth that scaled inverse depth is relative to, metres.
-    pub fn relative_to(reference: f32) -> Self {
-        Self { level: Level::new(), blocks: Vec::new(), rays: Vec::new(), later: Vec::new(), reference }
+    /// None yet, with room for those of `n` rays; `reference` is the depth that scaled inverse depth is relative to, metres.
+    pub fn relative_to(reference: f32, n: usize) -> Self {
+        let (blocks, rays) = (Vec::with_capacity(n.div_ceil(LANES)), Vec::with_capacity(n));
+        Self { level: Level::new(), blocks, rays, later: Vec::new(), reference }
     }
 
     /// Depth that scaled inverse depth is relative to, metres.
     pub fn reference(&self) -> f32 {
         self.reference
+    }
+
+    /// Number of intervals over the building.
+    pub fn n(&self) -> usize {
+        self.rays.len()
     }
 
     pub fn push(&mut self, interval: &PackedInterval) {
@@ -388,7 +394,7 @@ mod tests {
     fn some_stretches(n: usize, seed: u64) -> Intervals {
         use rand::Rng as _;
         let mut rng = crate::seed::stream(seed, "intervals", &[]);
-        let mut intervals = Intervals::relative_to(150.0);
+        let mut intervals = Intervals::relative_to(150.0, 0);
         for ray in 0..n as u32 {
             let enter = rng.random_range(100.0..160.0_f32);
             intervals.push(&PackedInterval {

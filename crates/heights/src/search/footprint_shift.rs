@@ -153,7 +153,7 @@ impl SettledScene<'_> {
         for v in self.around(building) {
             let Some(view) = views[v].as_ref() else { continue };
             let Some(roof_view) = view.roof_view(scene, building, scope, config) else { continue };
-            let rays = roof_view.window.rays();
+            let rays: Vec<u32> = roof_view.window.rays().collect();
             let profiles = view.evidence.profiles;
             let is_elsewhere = |b: u32| block.binary_search(&(b as usize)).is_err();
             let depth = |&r: &u32| profiles.depth_among(r as usize, &view.stops, is_elsewhere);

@@ -99,15 +99,19 @@ pub(crate) fn find(
         let standing = standing(scene, of_building.iter().filter_map(|&v| views[v].as_ref()), building);
         let scope = Scope::whole().without_crowns(standing);
         let plan = AlignedFootprint::new(prism, TwoLevelLimits { heights: scene.bounds, side_m: MIN_SIDE_M });
-        let views: Vec<RoofView<'_>> = of_building
-            .iter()
-            .filter_map(|&v| views[v].as_ref())
-            .filter_map(|v| v.roof_view(scene, building, scope, config))
-            .collect();
-        let seen: Vec<TwoLevelView<'_>> = views.iter().map(|view| TwoLevelView::new(view, 0.0, &plan)).collect();
+        let seen_in = |some: &[usize]| -> Vec<RoofView<'_>> {
+            let views = some.iter().filter_map(|&v| views[v].as_ref());
+            views.filter_map(|v| v.roof_view(scene, building, scope, config)).collect()
+        };
         let one = OneLevel { height_m: heights_m[building], bounds: scene.bounds };
-        let below_score = if is_known(building) { DOUBTFUL_SCORE } else { 1.0 };
-        let levels = other_level(&plan, &seen, one, below_score)?;
+        let below_score = if is_known(building) { DOUBTFUL_SCORE } else { 1.0 - MIN_GAIN };
+        let every = of_building.len().div_ceil(N_FIRST_VIEWS).max(1);
+        let first: Vec<usize> = of_building.iter().copied().step_by(every).collect();
+        let first = seen_in(&first);
+        let guess = first_guess(&plan, &two_levels(&first, &plan), one)?;
+        let views = seen_in(of_building);
+        let seen = two_levels(&views, &plan);
+        let levels = other_level(&plan, &seen, &guess, below_score)?;
         Some(OtherLevel { building, corners: corners(&plan, &levels), gain: gain(&seen, &levels, one) })
     };
     (0..scene.prisms.len()).into_par_iter().filter_map(of_building).collect()
@@ -149,33 +153,49 @@ impl OneLevel {
     }
 }
 
+/// A building in some views.
+fn two_levels<'a>(views: &'a [RoofView<'_>], plan: &AlignedFootprint<'_>) -> Vec<TwoLevelView<'a>> {
+    views.iter().map(|view| TwoLevelView::new(view, 0.0, plan)).collect()
+}
+
+/// The best single level in a few views, and the two levels that explain more there.
+struct FirstGuess {
+    one_m: f32,
+    two: TwoLevels,
+}
+
+/// `None` where one level is as good in a few views.
+fn first_guess(plan: &AlignedFootprint<'_>, first: &[TwoLevelView<'_>], one: OneLevel) -> Option<FirstGuess> {
+    let first: Vec<&TwoLevelView<'_>> = first.iter().collect();
+    if first.is_empty() {
+        return None;
+    }
+    let one_m = one.best_m(&first);
+    let pairs_m = FIRST_SHARES.map(|pair| pair.map(|share| share * one.height_m));
+    let (score, two) = plan.best_of(plan.guesses(&pairs_m), N_FOLLOWED, &first, &COARSE_STEPS)?;
+    let flat: f64 = first.iter().map(|s| s.one_level(one_m)).sum();
+    let is_better = score - flat >= 0.5 * MIN_GAIN * first.len() as f64;
+    (is_part(plan.prism, &two) && is_better).then_some(FirstGuess { one_m, two })
+}
+
 /// The part at another level than the rest; `None` where one level is as good, or scores no less than `below_score`.
 fn other_level(
     plan: &AlignedFootprint<'_>,
     seen: &[TwoLevelView<'_>],
-    one: OneLevel,
+    guess: &FirstGuess,
     below_score: f64,
 ) -> Option<TwoLevels> {
     if seen.len() < MIN_VIEWS {
         return None;
     }
-    let every = seen.len().div_ceil(N_FIRST_VIEWS);
-    let first: Vec<&TwoLevelView<'_>> = seen.iter().step_by(every).collect();
-    let one_level = one.best_m(&first);
-    let flat: Vec<f64> = seen.iter().map(|s| s.one_level(one_level)).collect();
+    let flat: Vec<f64> = seen.iter().map(|s| s.one_level(guess.one_m)).collect();
     // No score is better than 1: where one level almost has it, two cannot be clearly better.
     let mean = flat.iter().sum::<f64>() / flat.len() as f64;
-    if mean >= below_score.min(1.0 - MIN_GAIN) {
-        return None;
-    }
-    let pairs_m = FIRST_SHARES.map(|pair| pair.map(|share| share * one.height_m));
-    let (score, best) = plan.best_of(plan.guesses(&pairs_m), N_FOLLOWED, &first, &COARSE_STEPS)?;
-    let first_flat: f64 = flat.iter().step_by(every).sum();
-    if !is_part(plan.prism, &best) || score - first_flat < 0.5 * MIN_GAIN * first.len() as f64 {
+    if mean >= below_score {
         return None;
     }
     let all: Vec<&TwoLevelView<'_>> = seen.iter().collect();
-    let (_, best) = plan.climb(&all, best, &FINE_STEPS);
+    let (_, best) = plan.climb(&all, guess.two, &FINE_STEPS);
     let two: Vec<f64> = seen.iter().map(|s| s.two_levels(&best)).collect();
     let gains: Vec<f64> = two.iter().zip(&flat).map(|(two, flat)| two - flat).collect();
     let of_views = seen.iter().zip(flat.iter().zip(&two)).map(|(s, (flat, two))| (s.n_rays(), *flat, *two));

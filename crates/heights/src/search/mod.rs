@@ -136,6 +136,16 @@ impl<'a> SweepView<'a> {
         Self { placed, evidence, stops, calibration, belief: belief.unwrap_or(1.0) }
     }
 
+    /// The same view with rays that run elsewhere; what its prior stands for in metres stays.
+    pub(crate) fn along<'b>(
+        &self,
+        placed: &'b PlacedCamera,
+        evidence: &'b Evidence<'b>,
+        stops: Stops,
+    ) -> SweepView<'b> {
+        SweepView { placed, evidence, stops, calibration: self.calibration, belief: self.belief }
+    }
+
     /// The score of each height of one building, as a local sweep up to the highest of them has it; empty where the view
     /// cannot tell.
     #[must_use]

@@ -9,7 +9,6 @@ use super::{Kept, Problem, SolverState, Solving};
 use crate::config::CalibrationRays;
 use crate::evidence::bleed;
 use crate::optimise::layer_shift;
-use crate::optimise::rays::Rays;
 use crate::roofs::Judged;
 use crate::roofs::formed::FormedRoof;
 use crate::scene::{Prism, Scene};
@@ -21,6 +20,8 @@ use crate::search::{Finding, Range, SweepView, around, find_roofs, standing, swe
 
 /// Heights are kept on a grid of so many steps per metre.
 const STEPS_PER_M: f32 = 1000.0;
+/// Roofs that move by less do not change what is seen of their neighbours, metres.
+const STILL_M: f32 = 0.05;
 /// Local sweeps over heights that were looked for in the whole range again.
 const N_AFTER_LEAP: usize = 2;
 /// Rounds in which views that disagree are replaced by others, which may disagree too.
@@ -34,6 +35,7 @@ impl SolverState<'_> {
         self.set_start_heights();
         let n_sweeps = config.full_sweeps + config.local_sweeps;
         let mut n_selected = 0;
+        let mut before = None;
         for i in 0..config.full_sweeps {
             (self.problem.progress)(Solving::Epochs, i, n_sweeps);
             if i % config.reselect_every.max(1) == 0 {
@@ -46,27 +48,35 @@ impl SolverState<'_> {
                 Kept::Height(_) => is_last,
                 Kept::All(_) => false,
             };
-            self.sweep(is_asked, Range::Full, n_selected);
+            let is_new: Vec<bool> = {
+                let before = &before;
+                let of = |b: usize| is_asked(b) && self.looks_new(b, before.as_ref());
+                (0..self.heights_m.len()).into_par_iter().map(of).collect()
+            };
+            before = Some((self.views_of.clone(), self.heights_m.clone()));
+            self.sweep(|b| is_new[b], Range::Full, n_selected);
         }
         n_selected = self.replace_disagreeing(n_selected);
-        if config.split_levels {
-            let views = self.sweep_views();
-            let is_known = |b: usize| self.problem.kept(b) != Kept::Nothing;
-            self.other_levels =
-                levels::find(self.problem.scene, &views, &self.views_of, &self.heights_m, &is_known, config);
-        }
-        if config.measure_shift {
+        if config.split_levels || config.measure_shift {
+            let views = self.sweep_views(|_| true);
+            let (problem, heights_m) = (self.problem, &self.heights_m);
+            let is_known = |b: usize| problem.kept(b) != Kept::Nothing;
+            let find = || levels::find(problem.scene, &views, &self.views_of, heights_m, &is_known, config);
+            let other_levels = if config.split_levels { find() } else { Vec::new() };
             // A block over two levels fits the photos best where it stands over the higher one.
             let mut views_of = self.views_of.clone();
-            self.other_levels.iter().for_each(|other| views_of[other.building].clear());
-            let (evidence, heights_m) = (&self.evidence, &self.heights_m);
-            self.layer_shift = layer_shift::measure(self.problem, evidence, &views_of, heights_m, config);
+            other_levels.iter().for_each(|other| views_of[other.building].clear());
+            let shift = || layer_shift::measure(problem, &views, &views_of, heights_m, config);
+            let layer_shift = config.measure_shift.then(shift).flatten();
+            // Depth in metres shows the ground itself.
+            let asks_level =
+                config.measure_shift && layer_shift.is_none() && config.calibrate_on != CalibrationRays::None;
+            let level = || layer_shift::measure_level(problem, &views, &views_of, heights_m, config);
+            let level_off = asks_level.then(level).flatten();
+            drop(views);
+            (self.other_levels, self.layer_shift, self.level_off) = (other_levels, layer_shift, level_off);
             if self.layer_shift.is_some() {
                 return; // to be solved again with photos and footprints in one place
-            }
-            // Depth in metres shows the ground itself.
-            if config.calibrate_on != CalibrationRays::None {
-                self.level_off = layer_shift::measure_level(self.problem, evidence, &views_of, heights_m, config);
             }
         }
         if !self.other_levels.is_empty() {
@@ -80,24 +90,48 @@ impl SolverState<'_> {
             let problem = self.problem;
             self.sweep(|b| problem.is_searched(b), local(i), n_selected);
         }
-        let views = self.sweep_views();
+        let problem = self.problem;
+        let views = self.sweep_views(|_| true);
         let views_of = |b: usize| self.views_of[b].iter().filter_map(|&v| views[v].as_ref());
-        let is_green = |b: usize| standing(self.problem.scene, views_of(b), b).is_green();
+        let is_green = |b: usize| standing(problem.scene, views_of(b), b).is_green();
         let is_green = (0..self.heights_m.len()).into_par_iter().map(is_green).collect();
+        let is_asked = |b: usize| !config.roof_forms.is_empty() && problem.is_searched(b);
+        let roofs = find_roofs(problem.scene, &views, &self.views_of, &self.heights_m, is_asked, config);
         drop(views);
         self.is_green = is_green;
-        if !config.roof_forms.is_empty() {
-            let problem = self.problem;
-            self.find_roofs(|b| problem.is_searched(b));
-            if self.roofs.iter().any(|judged| judged.roof.is_some()) {
-                self.leap_beside_roofs(n_selected);
-            }
+        self.keep_roofs(roofs);
+        if self.roofs.iter().any(|judged| judged.roof.is_some()) {
+            self.leap_beside_roofs(n_selected);
         }
         if config.measure_footprints {
             self.measure_footprints(n_selected);
         }
         self.blind_m2 = self.blind_areas_m2();
         (self.problem.progress)(Solving::Epochs, n_sweeps, n_sweeps);
+    }
+
+    /// Whether a full sweep would see a building otherwise than the one before, with the views and heights of then: it is new itself, is
+    /// measured in other views, or beside one whose roof moved by more than [`STILL_M`] where it stops rays.
+    fn looks_new(&self, building: usize, before: Option<&(Vec<Vec<usize>>, Vec<f32>)>) -> bool {
+        let Some((views_before, heights_before_m)) = before else { return true };
+        let views = &self.views_of[building];
+        if self.findings[building].is_none() || *views != views_before[building] {
+            return true;
+        }
+        let prisms = &self.problem.scene.prisms;
+        let has_moved_to = |other: usize| {
+            let (from_m, to_m) = (heights_before_m[other], self.heights_m[other]);
+            ((to_m - from_m).abs() > STILL_M).then(|| prisms[other].ground_z + to_m.max(from_m))
+        };
+        views.iter().filter_map(|&view| self.evidence[view].as_ref()).any(|evidence| {
+            let profiles = evidence.profiles;
+            evidence.rays_around_building(building as u32).iter().any(|&ray| {
+                let others = profiles.intervals(ray as usize).iter().filter(|c| c.building != building as u32);
+                others.into_iter().any(|c| {
+                    has_moved_to(c.building as usize).is_some_and(|top_z| top_z > profiles.level(ray as usize, c.leave))
+                })
+            })
+        })
     }
 
     /// Leaves out the views whose prior shows something else than the others', and looks again for the heights that were measured in
@@ -137,10 +171,15 @@ impl SolverState<'_> {
 
     /// Looks for the forms of the roofs that are asked for.
     fn find_roofs(&mut self, is_asked: impl Fn(usize) -> bool + Sync) {
-        let views = self.sweep_views();
+        let views = self.sweep_views_of(&is_asked);
         let (scene, config) = (self.problem.scene, &self.config.search);
         let found = find_roofs(scene, &views, &self.views_of, &self.heights_m, is_asked, config);
         drop(views);
+        self.keep_roofs(found);
+    }
+
+    /// Takes the roofs that were found in place of the former ones.
+    fn keep_roofs(&mut self, found: Vec<Option<Judged>>) {
         for (kept, judged) in self.roofs.iter_mut().zip(found) {
             *kept = judged.unwrap_or_else(|| std::mem::take(kept));
         }
@@ -177,9 +216,9 @@ impl SolverState<'_> {
     /// Measures how far single footprints are off; the heights of those that lie elsewhere are settled again there.
     fn measure_footprints(&mut self, n_selected: usize) {
         let (scene, config) = (self.problem.scene, &self.config.search);
-        let views = self.sweep_views();
-        let (views_of, heights_m) = (&self.views_of[..], &self.heights_m[..]);
         let is_asked = |b: usize| self.problem.is_searched(b);
+        let views = self.sweep_views(|_| true);
+        let (views_of, heights_m) = (&self.views_of[..], &self.heights_m[..]);
         let shifts = SettledScene { scene, views: &views, views_of, heights_m, config }.footprint_shifts(is_asked);
         drop(views);
         self.footprint_shifts = shifts;
@@ -193,7 +232,7 @@ impl SolverState<'_> {
         };
         let prisms = scene.prisms.iter().zip(&self.footprint_shifts).map(in_place).collect();
         let scene = Scene { prisms, ..scene.clone() };
-        let rays = Rays::new(self.problem.views.len(), self.config.stride_px);
+        let rays = self.problem.rays.of_moved_footprints();
         let problem = Problem { scene: &scene, rays: &rays, ..*self.problem };
         let mut there = SolverState::new(&problem, self.config);
         there.heights_m.clone_from(&self.heights_m);
@@ -263,14 +302,21 @@ impl SolverState<'_> {
         }
     }
 
-    /// Every view with a prior, with the roofs as they stand: levels at first, later those that have been found.
-    fn sweep_views(&self) -> Vec<Option<SweepView<'_>>> {
+    /// The views of the buildings that are asked for, as [`Self::sweep_views`] has them.
+    fn sweep_views_of(&self, is_asked: impl Fn(usize) -> bool) -> Vec<Option<SweepView<'_>>> {
+        let asked = (0..self.views_of.len()).filter(|&b| is_asked(b));
+        let needed: BTreeSet<usize> = asked.flat_map(|b| self.views_of[b].iter().copied()).collect();
+        self.sweep_views(|view| needed.contains(&view))
+    }
+
+    /// Views with a prior, with the roofs as they stand: levels at first, later those that have been found.
+    fn sweep_views(&self, is_needed: impl Fn(usize) -> bool + Sync) -> Vec<Option<SweepView<'_>>> {
         let scene = self.problem.scene;
         let roofs = scene.roofs(&self.heights_m);
         let formed = |(prism, judged): (&Prism, &Judged)| FormedRoof::of(prism, judged.roof);
         let formed: Vec<Option<FormedRoof>> = scene.prisms.par_iter().zip(&self.roofs).map(formed).collect();
         let view_of = |v: usize| {
-            let evidence = self.evidence[v].as_ref()?;
+            let evidence = self.evidence[v].as_ref().filter(|_| is_needed(v))?;
             let placed = &self.problem.views[v].placed;
             let stops = evidence.profiles.stops_at(placed, &roofs, &formed);
             Some(SweepView::new(scene, placed, evidence, stops, &self.config.search))
@@ -280,7 +326,7 @@ impl SolverState<'_> {
 
     /// One pass over the buildings that are asked for: each takes the best height of the range.
     fn sweep(&mut self, is_asked: impl Fn(usize) -> bool + Sync, range: Range, n_selected: usize) {
-        let views = self.sweep_views();
+        let views = self.sweep_views_of(&is_asked);
         let (scene, config) = (self.problem.scene, &self.config.search);
         let found = sweep(scene, &views, &self.views_of, &self.heights_m, is_asked, range, config);
         drop(views);
