@@ -179,7 +179,7 @@ fn sides_rounded_to_fourteen_pass_and_others_do_not() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("da3.npy");
     // A photo of 16:9 at 504 columns: 283.5 rows, rounded to 280 by a network with patches of 14.
-    let ramp: Vec<f32> = (1..=504 * 280).map(|i| i as f32).collect();
+    let ramp: Vec<f32> = (1..=504 * 281).map(|i| i as f32).collect();
     let photo = view("a.jpg", 1920, 1080);
     let load = |rows: usize| {
         std::fs::write(&path, npy("<f4", &format!("({rows}, 504)"), &bytes(&ramp[..504 * rows]))).unwrap();
@@ -187,9 +187,13 @@ fn sides_rounded_to_fourteen_pass_and_others_do_not() {
             .unwrap()
             .load(&photo)
     };
-    assert!(load(280).is_ok());
+    // Off by 3 pixels both, one a multiple of the patch, one not.
+    assert!(load(280).is_ok() && load(281).is_err());
     let refused = load(274).unwrap_err();
-    assert!(refused.to_string().contains("504 × 274 pixels") && refused.to_string().contains("7 pixels"), "{refused}");
+    assert!(
+        refused.to_string().contains("504 × 274 pixels") && refused.to_string().contains("14 or 16 pixels"),
+        "{refused}"
+    );
 }
 
 #[test]

@@ -77,8 +77,8 @@ pub struct FilePriorConfig {
     pub min_confidence: f64,
 }
 
-/// How far a map's shape may be off the photo's, pixels of the map: networks round sides to a multiple of their patch's, 14 pixels.
-const ASPECT_TOLERANCE_PX: f64 = 7.0;
+/// Sides of the patches that networks see photos in, pixels: maps come with both sides rounded to a multiple.
+const PATCHES_PX: [usize; 2] = [14, 16];
 
 fn one() -> f64 {
     1.0
@@ -288,7 +288,10 @@ impl FilePriors {
         let off_px = (width - photo_width * height / photo_height)
             .abs()
             .min((height - photo_height * width / photo_width).abs());
-        if off_px <= ASPECT_TOLERANCE_PX {
+        let of_patches = |patch: &usize| size.0.is_multiple_of(*patch) && size.1.is_multiple_of(*patch);
+        // Rounding to the nearest multiple moves a side by half of it.
+        let rounded_px = PATCHES_PX.into_iter().find(of_patches).map_or(1.0, |patch| patch as f64 / 2.0);
+        if off_px <= rounded_px {
             return Ok(());
         }
         Err(PriorError::Shape {

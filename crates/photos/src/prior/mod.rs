@@ -79,7 +79,7 @@ pub enum PriorError {
     /// Shape other than the photo's.
     #[error(
         "prior {}: it has {width} × {height} pixels, the photo {view} {photo_width} × {photo_height}: not the same shape\n\
-         hint: priors are resized photos, never cropped or padded; their shape may be off by 7 pixels, as networks round sides",
+         hint: priors are resized photos, never cropped or padded; their shape may be off by half a patch where both sides are multiples of a network's patch, 14 or 16 pixels",
         path.display()
     )]
     Shape {
