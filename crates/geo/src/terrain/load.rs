@@ -257,7 +257,7 @@ fn load_dtm(
             project_reference: project.to_owned(),
         });
     }
-    let unit_m = unit_of(&file, path, &crs, BAND)?;
+    let unit_m = unit_of(&file, path, &crs)?;
     let source = reproject::DtmSource { file: &file, path, crs: &crs, config, unit_m };
     let (dem, voids) = reproject::read(&source, project_crs, area)?;
     let converted = (unit_m != 1.0).then(|| {
@@ -286,7 +286,7 @@ fn load_dtm(
 pub fn height_unit_m(config: &TerrainConfig) -> Result<f64, TerrainError> {
     let Some(path) = &config.dtm else { return Ok(1.0) };
     let file = RasterFile::open(path)?;
-    unit_of(&file, path, &crs_of(&file, path, config)?, BAND)
+    unit_of(&file, path, &crs_of(&file, path, config)?)
 }
 
 /// CRS of a DTM: its own, with the vertical part that is stated where it lacks one, or the stated one.
@@ -305,10 +305,10 @@ fn crs_of(file: &RasterFile, path: &Path, config: &TerrainConfig) -> Result<Crs,
 
 /// Metres per unit of a DTM's heights, as its band or the vertical part of its CRS states it. In a plane that is counted in metres
 /// or degrees heights are metres unless stated; in one that is counted in feet they may be either.
-fn unit_of(file: &RasterFile, path: &Path, crs: &Crs, band: usize) -> Result<f64, TerrainError> {
+fn unit_of(file: &RasterFile, path: &Path, crs: &Crs) -> Result<f64, TerrainError> {
     /// International and US survey feet, which many files mix up, differ by less.
     const SAME_UNIT: f64 = 1e-4;
-    let of_band = match file.unit(band)? {
+    let of_band = match file.unit(BAND)? {
         Some(unit) => match metres_per(&unit) {
             Some(unit_m) => Some((unit_m, unit)),
             None => return Err(TerrainError::NotMetres { path: path.to_owned(), unit }),

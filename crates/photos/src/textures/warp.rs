@@ -97,7 +97,7 @@ fn half(picture: &RgbImage) -> Option<RgbImage> {
 }
 
 /// Colours of a photo on its surfaces, or why it cannot be read.
-type OfPhoto = Result<Vec<StoredColours>, String>;
+type OfPhoto = Result<Vec<Option<StoredColours>>, String>;
 
 /// Lays the colours of all photos into the file, for the candidates; those of photos that cannot be read are taken out. Returns what is to
 /// be told of such photos, in the survey's order.
@@ -132,7 +132,7 @@ pub(super) fn fill(
         match colours {
             Ok(colours) => {
                 for (&(surface, k), colours) in of_view[view].iter().zip(colours) {
-                    candidates[surface][k].stored = Some(colours);
+                    candidates[surface][k].stored = colours;
                 }
             }
             Err(reason) => {
@@ -160,7 +160,7 @@ fn colours(
     candidates: &[Vec<Candidate>],
     (view, photo): (usize, RgbImage),
     (places, file): (&[(usize, usize)], &UnnamedFile),
-) -> Result<Vec<StoredColours>, FileError> {
+) -> Result<Vec<Option<StoredColours>>, FileError> {
     let of = &task.views[view];
     let level_of = |(surface, k): (usize, usize)| candidates[surface][k].pixels_per_texel.max(1.0).log2() as usize;
     let n_levels = places.iter().map(|place| level_of(*place) + 1).max().unwrap_or(1);
@@ -168,7 +168,7 @@ fn colours(
     let camera = PlacedCamera::new((*of.camera).clone(), of.camera_from_map, task.origin);
     let size = DVec2::new(f64::from(of.camera.width_px), f64::from(of.camera.height_px));
     let of_place = |&(surface, k): &(usize, usize)| {
-        let chart = charts[surface].as_ref()?;
+        let Some(chart) = charts[surface].as_ref() else { return Ok(None) };
         let (facet, level) = (&scene.facets[surface], level_of((surface, k)));
         let seen = |x: u32, y: u32| camera.project(facet.point(chart.place(x, y)).as_dvec3());
         let first = candidates[surface][k].first_texels(chart);
@@ -182,9 +182,9 @@ fn colours(
                 texels.push(colour);
             }
         }
-        Some(StoredColours::put(file, chart, &first, &texels))
+        StoredColours::put(file, chart, &first, &texels).map(Some)
     };
-    places.par_iter().filter_map(of_place).collect()
+    places.par_iter().map(of_place).collect()
 }
 
 /// Pixels of the texels of a cell: between those of its corners, as a camera changes too little over half a metre to be asked for each texel. Seen
